@@ -160,10 +160,8 @@ def attempted(search: Search, first: Selection, whole: np.ndarray, test: np.ndar
     terms = windows_anew(search.candidates, equations, Pool(equations, noise, found.terms, link_error)).terms
     selection, judgements = _reconsidered(search, found, terms)
     if any(judgement.changing for judgement in judgements):
-        terms, noise = (
-            selection.terms,
-            selection.pool.noise,
-        )  # error is that of the one push reported, not of all that stood for it
+        # error is that of the one push reported, not of all that stood for it
+        terms, noise = selection.terms, selection.pool.noise
     equations.count(whole & ~test[:, None])
     alone = settled(search.candidates, equations, Pool(equations, noise, terms, link_error))
     extended, fitted = alone.left(), alone

@@ -1,4 +1,4 @@
-"""When and where exactly something pushed: times between rows, and a point of its own, by Gauss-Newton."""
+"""Refining a push by Gauss-Newton: its times between rows, and its point if it has one of its own."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from bdnn_ros.effects.environment import EDGES, POINT, ExternalWrench, Push, edg
 from bdnn_ros.robot import Robot
 
 STEPS = 5
-"""Gauss-Newton steps, towards a point of contact or the times of a push."""
+"""Most Gauss-Newton steps."""
 AT_POINT = 2e-4
-"""A step towards a point that is small enough [m]."""
+"""Step of the point that ends the refinement [m]."""
 NEAR = 0.1
-"""Times found between rows are nearer than this to where the search for them starts [s]."""
+"""Largest step of the times [s]."""
 EXACT = 1e-3
-"""A step of the times that is small enough [s]."""
+"""Step of the times that ends the refinement [s]."""
 
 
 def between_rows(pool: Pool, fit: Fit, term: Term, robot: Robot) -> tuple[float, Term]:
-    """A push with its times between rows, and a point of its own, where they add most evidence to a fit, and how much that is.
+    """Log evidence that a push adds to a fit with its times and its own point refined, and the push.
 
-    What the fit has at its bounds is free to leave them.
+    Terms of the fit that are at a bound may leave it.
     """
     fit = unbound(pool, fit)
     here = _Here.of(pool, fit, term)
@@ -48,19 +48,19 @@ def between_rows(pool: Pool, fit: Fit, term: Term, robot: Robot) -> tuple[float,
 
 
 def unbound(pool: Pool, fit: Fit) -> Fit:
-    """A fit whose coefficients may leave their bounds: without a push among the terms they are held at what it does."""
+    """A fit without bounds: without a push among the terms, bounds hold friction that would have to act like it."""
     moment = pool.total[1][pool.columns_of(fit.terms)]
     return replace(fit, coefficients=cho_solve((fit.factor, True), moment))
 
 
 @dataclass(frozen=True)
 class _Here:
-    """A push as it is.
+    """A push at one point of the refinement.
 
     Attributes:
         acting: its window, (N,).
-        columns: its rows, (R, n, k).
-        gain: what it adds to a fit [nats].
+        columns: its columns as rows, (R, n, k).
+        gain: log evidence that it adds to a fit [nats].
         coefficients: of its columns, (k,).
     """
 
@@ -81,7 +81,7 @@ class _Here:
         return cls(term, effect, acting, columns, *pool.gain_of(fit, term, columns))
 
     def steps(self, pool: Pool, fit: Fit, robot: Robot) -> dict[str, float]:
-        """A Gauss-Newton step of its times [s], and of its point [m] where it is none of the usual ones."""
+        """Gauss-Newton step of its times [s], and of its point [m] if that is none of the usual ones."""
         equations, shape, own = pool.equations, dict(self.term.shape), self.columns
         whole, names = self.effect.mixing(shape) @ self.coefficients[:, None], list(EDGES)
         columns = [equations.pushed(self.term, rate, whole) for rate in edge_rates(equations.motion, shape).T]

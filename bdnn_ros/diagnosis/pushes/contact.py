@@ -1,8 +1,8 @@
 """Where something touched: the point of a link at which a force alone explains most.
 
-A force F at the point p of a link that has turned by R pulls with (R p) x F about the link's origin: while the link turns,
-that is not one torque. For a given point the columns are linear in F, and they are linear in the point as well, so that
-whatever a point would explain follows from one small matrix.
+A force F at the point p of a link that has turned by R has the torque (R p) x F about the link's origin, which is not constant
+while the link turns. For a given point the columns are linear in F, and they are linear in the point as well, so that the gain
+at any point follows from one small matrix.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from bdnn_ros.effects.environment import POINT, ExternalWrench, window
 from bdnn_ros.robot import Robot
 
 FARTHEST = 1.0
-"""No hand reaches further from its link's origin [m]."""
+"""Largest distance of a contact from its link's origin [m]."""
 REACH = 0.3
-"""Most touch nearer to the points that are tried first than this; the evidence decides, this where it cannot [m]."""
+"""Prior spread of the contact about the points tried first [m]; it decides only where the evidence cannot."""
 STEP = 1.5e-8
-"""Of finite differences [m]."""
+"""Step of finite differences [m]."""
 GRID = np.linspace(-0.4, 0.4, 9)
-"""First points along each axis of the link, about one that is tried first [m]."""
+"""Offsets from a point tried first, along each axis of the link [m]."""
 
 
 def point_of(push: Term) -> np.ndarray:
@@ -36,7 +36,7 @@ def point_of(push: Term) -> np.ndarray:
 
 
 def distance(push: Term, robot: Robot) -> float:
-    """How far a push acts from the points of its link that are tried first [m]; nothing for a torque about a joint."""
+    """Distance of a push from the nearest point of its link that is tried first [m]; zero for a torque about a joint."""
     if push.link is None:
         return 0.0
     usual = push.effect.points(robot, push.link)
@@ -44,7 +44,7 @@ def distance(push: Term, robot: Robot) -> float:
 
 
 def contact(pool: Pool, fit: Fit, term: Term) -> Term | None:
-    """The wrench at the point, near its own, where a force alone explains most beside a fit; None where that is out of reach."""
+    """The wrench at the point where a force alone explains most beside a fit; None if that is out of reach."""
     effect = term.effect
     if not isinstance(effect, ExternalWrench):
         return None
@@ -68,11 +68,11 @@ def contact(pool: Pool, fit: Fit, term: Term) -> Term | None:
 
 @dataclass(frozen=True)
 class _Pull:
-    """What a force explains at a point of a link: its columns are what they are at the origin and so much per metre away.
+    """Gain of a force at any point of a link: its columns are affine in the point.
 
     Attributes:
-        schur: information in the columns at the origin and per metre along each axis, for each force, (4, 3, 4, 3).
-        left: their moments with what the fit leaves, (4, 3).
+        schur: information of the columns at the origin and per metre along each axis, for each force, (4, 3, 4, 3).
+        left: their moments with the fit's residual, (4, 3).
         prior: precision of the force, (3,) [1/N²].
     """
 
@@ -94,7 +94,7 @@ class _Pull:
         return cls(schur.reshape(4, 3, 4, 3), left.reshape(4, 3), prior)
 
     def gains(self, points: np.ndarray) -> np.ndarray:
-        """Log evidence that a force at each of some points (P, 3) [m] adds, (P,)."""
+        """Log evidence that a force adds at each of some points (P, 3) [m], (P,)."""
         at = np.concatenate([np.ones((len(points), 1)), points], axis=1)
         schur = np.einsum("pa,pb,akbl->pkl", at, at, self.schur) + np.diag(self.prior)
         ends, prior = np.full(3, np.inf), np.broadcast_to(self.prior, (len(points), 3))

@@ -1,4 +1,4 @@
-"""Where and when something pushed: the point of a link and the times at which a constant wrench explains most."""
+"""Search for pushes, and tests of what may be one: overlaps, pieces of others, and leftovers of other causes."""
 
 from __future__ import annotations
 
@@ -20,30 +20,30 @@ from bdnn_ros.effects.environment import EDGES
 from bdnn_ros.robot import Robot
 
 LONG = 3.0
-"""Rows that count are so many times as far apart as usual where some between do not."""
+"""Usable rows this many times further apart than usual have unusable ones between them."""
 TOUCHING = 0.3
-"""Pushes with less time between their ends may be one [s]."""
+"""Pushes separated by less than this may be one [s]."""
 WORTH = 6.0
-"""Evidence that a point of its own must bring at least beyond those that are tried first."""
+"""Evidence that a push's own point must bring beyond the points tried first [nats]."""
 CONTENDS = 0.5
-"""What explains less than this share of what the best push does needs no finer times."""
+"""Pushes that explain less than this share of the best one are not refined."""
 CROSSING = 0.5
-"""Hardly a gap takes longer to cross [s]."""
+"""Longest time to cross a gap [s]."""
 OUTDONE = 0.05
-"""What is less than this share of another push at its time is what a constant wrench leaves of that one."""
+"""A push below this share of another one at its time may be what a constant wrench leaves of that one."""
 CREEPING = 0.1
-"""Below this share of its usual speed a joint has any dry friction, up to that of standing."""
+"""Share of its usual speed below which a joint may have any dry friction, up to static friction."""
 RESOLVED = 1.5
-"""A push lasts so many periods of the low-pass: of a shorter one only a moment's bump is left, as of any other fault."""
+"""Shortest push in periods of the low-pass: of a shorter one only a bump is left, as of any brief fault."""
 ENDS = 0.6
-"""So near its ends a recording that was filtered both ways before it was published shows what was never there [s]."""
+"""Time at a recording's ends in which zero-phase filtering before publication may have produced artefacts [s]."""
 
 
 def best_push(pool: Pool, fit: Fit, term: Term, robot: Robot) -> tuple[float, Term]:
-    """A push with the times, and a wrench with the point of its link, that add most evidence to a fit, and how much that is.
+    """Log evidence that a push adds to a fit with its best window and point, and the push.
 
-    A wrench that explains nothing at the points that are tried first is not looked for at others. What the fit has at its
-    bounds for want of the push is free to leave them.
+    A wrench that gains nothing at the points tried first is not tried at others. Terms of the fit that are at a bound may
+    leave it.
     """
     fit = unbound(pool, fit)
     tried = [best_window(pool, fit, term.shaped(point)) for point in term.effect.points(robot, term.link)]
@@ -57,16 +57,16 @@ def best_push(pool: Pool, fit: Fit, term: Term, robot: Robot) -> tuple[float, Te
 
 
 def refined_push(pool: Pool, fit: Fit, term: Term, robot: Robot) -> Term:
-    """A push where it adds most evidence to a fit: sought everywhere, or moved from where it is."""
+    """A push where it adds most evidence to a fit: searched anew, or refined from where it is."""
     starts = (best_push(pool, fit, term, robot)[1], term)
     return max((between_rows(pool, fit, start, robot) for start in starts), key=_gain)[1]
 
 
 def reshaped(pool: Pool, rest: Sequence[int], robot: Robot, found: Sequence[int] = ()) -> Pool:
-    """The pool with all pushes but those among the rest where each explains most beside the rest.
+    """The pool with all pushes but those among the rest at their best times and points beside the rest.
 
     Args:
-        found: pushes that are sought from where they are, too.
+        found: pushes that are also refined from where they are.
     """
     fit = pool.fit(rest)
 
@@ -89,7 +89,7 @@ def reshaped(pool: Pool, rest: Sequence[int], robot: Robot, found: Sequence[int]
 
 
 def pushes_but(pool: Pool, rest: Sequence[int], one: int) -> list[int]:
-    """Which terms push and are not among the rest: at the place of one of them that one alone."""
+    """Pushes that are not among the rest; at the place of `one`, that one only."""
     spot = pool.terms[one].spot
     pushes = (c for c, term in enumerate(pool.terms) if term.effect.timed and c not in rest)
     return [c for c in pushes if c == one or pool.terms[c].spot != spot]
@@ -100,18 +100,18 @@ def _gain(found: tuple[float, Term | Shape]) -> float:
 
 
 def toss(term: Term, worth: float) -> float:
-    """How much of the evidence that a push brings says nothing of its place: nobody pushes just as a wrench does."""
+    """Evidence of a push that does not tell its place, since no real push is exactly a constant wrench [nats]."""
     return term.effect.idealised**2 * max(worth, 0.0) if term.effect.timed else 0.0
 
 
 def nearest(pool: Pool, scores: dict[int, float], without: float, robot: Robot) -> int:
-    """The push of most evidence; of wrenches that are a toss against it, the one that acts nearest to its own link's middle.
+    """The push of most evidence; among wrenches that tie with it, the one nearest to its own link's origin or centre of mass.
 
-    A force on a joint's axis is one on either link.
+    A force on a joint's axis is the same on either link.
 
     Args:
-        scores: of the pushes, each in the place of the others.
-        without: score without any.
+        scores: of each push in place of the others.
+        without: score without any push.
     """
     best = max(scores, key=lambda c: scores[c])
     close = scores[best] - toss(pool.terms[best], scores[best] - without)
@@ -120,7 +120,7 @@ def nearest(pool: Pool, scores: dict[int, float], without: float, robot: Robot) 
 
 
 def together(one: Term, other: Term) -> bool:
-    """Whether two pushes last over each other for half of the shorter one: what pushes one link may look like two."""
+    """Whether two pushes overlap for more than half of the shorter one: one push may look like two."""
     if not (one.effect.timed and other.effect.timed):
         return False
     a, b = dict(one.shape), dict(other.shape)
@@ -129,7 +129,7 @@ def together(one: Term, other: Term) -> bool:
 
 
 def piece_of(small: Term, large: Term) -> bool:
-    """Whether a push may be a piece of a longer one whose window was cut too short, or whose point is not found yet."""
+    """Whether a push may be a piece of a longer one whose window is too short or whose point is not found yet."""
     if not (small.effect.timed and large.effect.timed):
         return False
     one, other = dict(small.shape), dict(large.shape)
@@ -140,7 +140,7 @@ def piece_of(small: Term, large: Term) -> bool:
 
 
 def within(small: Term, large: Term) -> bool:
-    """Whether one push begins well after another has begun, and ends well before that does."""
+    """Whether one push begins well after another begins, and ends well before that ends."""
     if not (small.effect.timed and large.effect.timed):
         return False
     (start, end), (begun, over) = edges(small), edges(large)
@@ -148,7 +148,7 @@ def within(small: Term, large: Term) -> bool:
 
 
 def follows(one: Term, other: Term) -> bool:
-    """Whether one push ends where the other begins."""
+    """Whether one push ends about where the other begins."""
     if one is other or not (one.effect.timed and other.effect.timed):
         return False
     (start, end), (begins, ends) = edges(one), edges(other)
@@ -156,17 +156,17 @@ def follows(one: Term, other: Term) -> bool:
 
 
 def lasting(pool: Pool, rest: Sequence[int], pair: tuple[int, int], one: int, robot: Robot) -> Pool:
-    """The pool with one of two pushes that follow each other as long as both, moved to where it explains most from there."""
+    """The pool with one of two consecutive pushes extended over both, and refined from there."""
     (start, _), (_, end) = (edges(pool.terms[c]) for c in pair)
     long = pool.terms[one].shaped({**dict(pool.terms[one].shape), "start": start, "end": end})
     return pool.replacing({one: between_rows(pool, pool.fit(rest), long, robot)[1]})
 
 
 def leftover(pool: Pool, chosen: Sequence[int], one: int) -> bool:
-    """Whether a term is a push that may be what another leaves of itself: of a push at its time, or of a gap being crossed.
+    """Whether a push may be what another cause leaves: a larger push at its time, or a gap being crossed.
 
-    No hand pushes as constantly as a wrench with a start and an end, and a crossing is known only as well as the motion.
-    Nor is it a push what a joint shows that creeps, or what is over before a low-pass tells it from any other moment's fault.
+    No hand pushes as constantly as a wrench, and a crossing is known only as well as the motion. Nor is it a push if most of
+    it is explained where joints creep, or if it is too short for the low-pass.
     """
     push = pool.terms[one]
     if not push.effect.timed:
@@ -186,7 +186,7 @@ def leftover(pool: Pool, chosen: Sequence[int], one: int) -> bool:
 
 
 def _outdone(pool: Pool, chosen: Sequence[int], one: int, other: int) -> bool:
-    """Whether another push at its time explains far more than one does, or more and begins and ends with it."""
+    """Whether a simultaneous push explains far more than this one, or just more if both begin and end together."""
     less, more = (
         pool.fit(chosen).evidence - pool.fit([c for c in chosen if c != out]).evidence for out in (one, other)
     )
@@ -195,14 +195,14 @@ def _outdone(pool: Pool, chosen: Sequence[int], one: int, other: int) -> bool:
 
 
 def edges(push: Term) -> tuple[float, float]:
-    """When a push starts and ends [s]."""
+    """Start and end of a push [s]."""
     shape = dict(push.shape)
     start, end = (shape[edge] for edge in EDGES)
     return start, end
 
 
 def pushing(terms: Sequence[Term], time: np.ndarray) -> np.ndarray:
-    """Times (R,) [s] at which one of some terms pushes, (R,) bool."""
+    """Which of some times (R,) [s] lie within a push, (R,) bool."""
     result = np.zeros(len(time), bool)
     for start, end in (edges(term) for term in terms if term.effect.timed):
         result |= (start <= time) & (time <= end)
@@ -210,7 +210,7 @@ def pushing(terms: Sequence[Term], time: np.ndarray) -> np.ndarray:
 
 
 def at_an_end(pool: Pool, chosen: Sequence[int], one: int) -> bool:
-    """Whether most of what a push explains is at a recording's ends, where a filter may have made it of the motion's own."""
+    """Whether a push explains most at a recording's ends, where a filter may have produced it."""
     time, ends = pool.equations.motion.time[pool.equations.rows], np.zeros(len(pool.equations.rows), bool)
     for first, last in stretches(time, pool.equations.motion.signals.begun):
         ends |= ((time >= first) & (time < first + ENDS)) | ((time > last - ENDS) & (time <= last))
@@ -218,9 +218,9 @@ def at_an_end(pool: Pool, chosen: Sequence[int], one: int) -> bool:
 
 
 def throughout(pool: Pool, chosen: Sequence[int], one: int) -> bool:
-    """Whether a push acts nearly always when the joint moves that it explains most of: then it is none, whatever else it is.
+    """Whether a push acts nearly always when the joint moves at which it explains most; it then is no push.
 
-    Of a joint that moves twice, what differs between the two may be anything.
+    At a joint that moves twice, the difference between the two moves may be anything.
     """
     if not pool.terms[one].effect.timed:
         return False
@@ -231,18 +231,18 @@ def throughout(pool: Pool, chosen: Sequence[int], one: int) -> bool:
 
 
 def _mostly(where: np.ndarray, pool: Pool, chosen: Sequence[int], others: Sequence[int]) -> bool:
-    """Whether most of what a set explains better than some others of it is in some rows, (R,) or (R, n) bool."""
+    """Whether most of what a set explains better than a subset is in some rows, (R,) or (R, n) bool."""
     better = _better(pool, chosen, others)
     return bool(better[where].sum() > 0.5 * better.sum() > 0.0)
 
 
 def _better(pool: Pool, chosen: Sequence[int], others: Sequence[int]) -> np.ndarray:
-    """How much better a set explains each value than some others of it, (R, n)."""
+    """Reduction of each squared whitened residual by a set compared with a subset, (R, n)."""
     return np.asarray(pool.white_residual(pool.fit(others)) ** 2 - pool.white_residual(pool.fit(chosen)) ** 2)
 
 
 def _crossed(pool: Pool, chosen: Sequence[int], gap: int, push: Term) -> bool:
-    """Whether a push is a short one while a term that acts for moments does."""
+    """Whether a push is short and coincides with the moments at which a brief effect acts, such as backlash."""
     start, end = edges(push)
     effect, equations = pool.terms[gap].effect, pool.equations
     if effect.timed or not effect.brief or end - start > CROSSING:
@@ -253,7 +253,7 @@ def _crossed(pool: Pool, chosen: Sequence[int], gap: int, push: Term) -> bool:
 
 
 def unseen(pool: Pool, term: Term) -> dict[str, float]:
-    """For how long about each of a push's times no row counts, as while a joint rests, so that any time will do [s]."""
+    """Duration about each of a push's times without usable rows, within which the time is undetermined [s]."""
     equations = pool.equations
     time = equations.motion.time[equations.rows]
     joints = np.any(equations.columns(term), axis=(0, 2))

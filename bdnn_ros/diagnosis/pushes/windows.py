@@ -15,13 +15,13 @@ from bdnn_ros.diagnosis.regression.term import Term
 from bdnn_ros.effects.environment import SHORTEST, Push
 
 COARSE = 0.5
-"""Spacing of the first window edges [s]."""
+"""Spacing of the window edges tried first [s]."""
 LONGEST_SHARE = 0.9
-"""A push over nearly all of a recording cannot be told from a constant cause."""
+"""A push over a larger share of a recording cannot be told from a constant cause."""
 
 
 def best_window(pool: Pool, fit: Fit, term: Term) -> Term:
-    """A term of a wrench with the window that adds most evidence to a fit."""
+    """A push with the window that adds most evidence to a fit."""
     equations, where = pool.equations, dict(term.shape)
     time = equations.motion.time[equations.rows]
     sums = _Sums.of(pool, fit, term)
@@ -42,7 +42,7 @@ def best_window(pool: Pool, fit: Fit, term: Term) -> Term:
 
 @dataclass(frozen=True)
 class _Sums:
-    """Sums over the first 0, 1, 2 ... rows, of which any window's gain follows.
+    """Running sums over rows, which give the gain of any window.
 
     Attributes:
         grams: of a wrench's k columns, (R + 1, k, k).
@@ -60,7 +60,7 @@ class _Sums:
 
     @classmethod
     def of(cls, pool: Pool, fit: Fit, term: Term) -> _Sums:
-        """Of a push that acts all the time."""
+        """Sums for a push that acts all the time."""
         effect, motion = term.effect, pool.equations.motion
         assert isinstance(effect, Push)
         columns = pool.equations.pushed(term, np.ones(len(motion.time)), effect.mixing(dict(term.shape)))
@@ -76,7 +76,7 @@ class _Sums:
         )
 
     def best(self, starts: np.ndarray, ends: np.ndarray, time: np.ndarray) -> tuple[int, int]:
-        """Rows (start, end) of the window of most evidence, correlation with the fit's other terms counted.
+        """Rows (start, end) of the window of most evidence, with the fit's other terms projected out.
 
         Args:
             time: of the rows, on a clock that stands still between recordings, (R,) [s].
@@ -94,7 +94,7 @@ class _Sums:
         return int(a[best]), int(b[best])
 
     def _seen_between(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        """Gram matrices of what the fit's columns see from row to row, (W, k, k) of rows (W,): of few rows many windows."""
+        """Part of the windows' Gram matrices that the fit's columns explain, (W, k, k), for row pairs (W,)."""
         marks, at = np.unique(np.concatenate([a, b]), return_inverse=True)
         start, end = at[: len(a)], at[len(a) :]
         count, size = len(marks), self.cross.shape[1]

@@ -1,1 +1,1 @@
-"""What a diagnosis asks of recordings before it looks for causes: excerpts, low-passes, times and sensors."""
+"""Preparing recordings for a diagnosis: excerpts, low-passes, timing and sensors."""

@@ -1,4 +1,4 @@
-"""What bodies may ask of a joint beside what they are described to: no friction is to be taken for it."""
+"""Columns of all that bodies may add to a joint's effort, so that none of it is taken for friction."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ LIGHTEST = 1e-300
 
 
 def of_bodies(signals: Signals, robot: Robot) -> np.ndarray:
-    """What errors of links, of gravity's direction and of joints' zeros add to the effort, and what a medium does that damps
-    bodies by their mass, (N, n, 11 n + 5)."""
+    """Columns of errors of links, of gravity's direction and of joint zeros, and of damping in proportion to mass, (N, n, 11 n
+    + 5)."""
     q, v, a = signals.position, signals.velocity, signals.acceleration
     pulls = [replace(robot, gravity_vector=axis).gravity(q) for axis in np.eye(3)]
     zeros = robot.effort_derivatives(q, v, a)[0]
@@ -23,9 +23,9 @@ def of_bodies(signals: Signals, robot: Robot) -> np.ndarray:
 
 
 def _in_a_medium(robot: Robot, position: np.ndarray, velocity: np.ndarray) -> list[np.ndarray]:
-    """Efforts (N, n) by which a medium damps every body in proportion to its mass and its velocity, and to the square of that.
+    """Efforts (N, n) of a medium that damps every body by its mass times velocity, M(q) v, and times velocity squared.
 
-    The first are M(q) v. So do simulators whose bodies lose a share of their momentum each second.
+    Simulators do so whose bodies lose a share of their momentum each second.
     """
     floating = replace(robot, gravity_vector=np.zeros(3))
     columns = floating.regressor(position, np.zeros_like(position), velocity)

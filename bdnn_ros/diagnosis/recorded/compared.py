@@ -1,7 +1,7 @@
-"""What recordings are compared with where a model identified earlier takes the simulation's place: its sensors aside.
+"""Comparing recordings with an earlier model in the simulation's place, sensor errors aside.
 
-What that model says of sensors is taken out of the recordings before anything is looked for: a cause then has its real
-size, and is no cause where the sensor is as it was.
+Sensor errors that the model knows are removed from the recordings before anything is looked for: a cause then has its real
+size, and an unchanged sensor is no cause.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from bdnn_ros.scores import Predictor
 from bdnn_ros.signals import Signals
 
 TOLD = 0.01
-"""Share of a joint's motion that is left out and told."""
+"""Share of a joint's motion that, if left out, is reported in a note."""
 UNSHOWN = (
     "The motion goes beyond what the earlier model's networks learned from, {joints}: that is not compared. "
     "Diagnose a recording that covers it to learn it."
@@ -36,50 +36,50 @@ UNSHOWN = (
 
 @runtime_checkable
 class KnowsSensors(Predictor, Protocol):
-    """A model that says of sensors what they do."""
+    """A model that knows errors of sensors."""
 
     def compared(self) -> Compared:
-        """Itself as recordings of another time are compared with it."""
+        """The model as later recordings are compared with it."""
 
 
 @runtime_checkable
 class Identified(Predictor, Protocol):
-    """A model whose parameters were identified, each with what is known of it."""
+    """A model with identified parameters and their uncertainty."""
 
     offset: np.ndarray
-    """What it adds to the measured efforts, (n,) [N·m]."""
+    """Added to the measured efforts, (n,) [N·m]."""
     left_open: LeftOpen
-    """What is not known of all its parameters and of what its joints may add beside them."""
+    """Uncertainty of all its parameters and of what its joints may add beside them."""
     learned: LocalResiduals | None
-    """What its joints add that was learned."""
+    """Learned joint residuals."""
     lead: float
-    """How far the measured effort is ahead of the motion [s]."""
+    """Lead of the measured effort over the motion [s]."""
     lag: float
-    """Time constant of the low-pass that it has passed [s]."""
+    """Time constant of the low-pass that the measured effort has passed [s]."""
 
     @property
     def velocity_cutoff(self) -> np.ndarray:
-        """Of the low-passes on reported velocities, (n,) [Hz], infinite for none."""
+        """Cut-offs of low-passes on reported velocities, (n,) [Hz], infinite for none."""
 
 
 @dataclass(frozen=True)
 class Compared:
-    """A model of efforts when and in the units in which they act, and what its sensors do beside.
+    """A model of acting efforts, and the sensor errors that it knows.
 
     Attributes:
-        model: predicts `scale` times what is measured, when it acts; None where the simulation is compared with.
-        robot: what it believes, at the positions that the joints report.
-        scale: effort that acts, but for an offset, per measured effort, (n,).
+        model: predicts acting effort, `scale` times what is measured; None against the simulation.
+        robot: the model's robot, with joint zeros as the sensors report them.
+        scale: acting effort, an offset aside, per measured effort, (n,).
         delay: by which efforts act after their stamps, (n,) [s].
-        velocity_cutoff: of the low-passes on reported velocities, (n,) [Hz], infinite for none.
-        held: effects that the model has beside its robot, of which there may be less by now, and loads on it.
-        left_open: what is not known of an identified model, else None.
-        lead: how far the recorded effort is known to be ahead of the motion [s].
-        creep: how dry friction is known to come on, as `Signals.creep`, else None.
-        unloaded: the robot without the loads that the model found on it: its links are off by shares of their own; None for none.
-        learned: what joints add that was learned, some of it perhaps with the load, else None.
-        unsure: what is not known of what an earlier diagnosis found at joints, else None.
-        networks: what learned of some joints what no effect says, by the motion of that time.
+        velocity_cutoff: low-passes on reported velocities, (n,) [Hz], infinite for none.
+        held: effects that the model has beside its robot, which may have become less, and loads on it.
+        left_open: uncertainty of an identified model, else None.
+        lead: known lead of the recorded effort over the motion [s].
+        creep: known onset of dry friction, as `Signals.creep`, else None.
+        unloaded: the robot without loads that the model found on it, to which link errors are relative; None for none.
+        learned: learned joint residuals, some of which may grow with the load, else None.
+        unsure: uncertainty of joint effects that an earlier diagnosis found, else None.
+        networks: those that learned what no effect explains at some joints.
     """
 
     model: Predictor | None
@@ -98,7 +98,7 @@ class Compared:
 
     @classmethod
     def of(cls, model: Predictor | None, robot: Robot) -> Compared:
-        """A model with its robot; the robot is its own where it says of sensors what they do."""
+        """A model with its robot: its own robot if it knows sensor errors, else the given one."""
         if isinstance(model, KnowsSensors):
             return model.compared()
         same = np.ones(robot.width)
@@ -111,12 +111,12 @@ class Compared:
 
     @property
     def since(self) -> Compared | None:
-        """Itself where a model takes the simulation's place, else None."""
+        """Itself if a model takes the simulation's place, else None."""
         return None if self.model is None else self
 
     @property
     def dry(self) -> np.ndarray:
-        """What dry friction may hold of each joint while it rests, (n,) [N·m]."""
+        """Largest dry friction of each joint, which may hold it at rest, (n,) [N·m]."""
         dry = self.robot.coulomb.copy()
         for one in self.held:
             if isinstance(one.effect, DryFriction):
@@ -125,7 +125,7 @@ class Compared:
 
     @property
     def by_load(self) -> LoadFriction:
-        """What the model has of friction that grows with the load."""
+        """Load-dependent friction of the model."""
         ratios = np.zeros(self.robot.width)
         for one in self.held:
             if one.effect.name == LoadDependentFriction.name:
@@ -133,9 +133,9 @@ class Compared:
         return LoadFriction(ratios, self.learned)
 
     def shown(self, signals: Signals) -> tuple[Signals, list[str]]:
-        """A motion without the efforts of joints where networks do not know what to say, and notes on these.
+        """A motion without efforts of joints where networks would extrapolate, and notes on these.
 
-        Nobody knows what acts there, on either day: it is neither a change nor none.
+        Networks say nothing reliable there, so that neither a change nor its absence can be told.
         """
         beyond = np.zeros(signals.position.shape, bool)
         gravity = self.robot.gravity(signals.position) if self.networks else signals.position
@@ -151,7 +151,7 @@ class Compared:
         return replace(signals, unmeasured=unmeasured), [UNSHOWN.format(joints=listed(told))] * bool(told)
 
     def acting(self, recordings: Sequence[Recording]) -> list[Recording]:
-        """Recordings with efforts when and in the units in which they act, and a note where those are others."""
+        """Recordings with efforts at the times and in the units in which they act, and a note where these changed."""
         joints = list(zip(self.robot.joints, self.scale.tolist(), self.delay.tolist(), strict=True))
         changes = [f"times {scale:.3g} at {joint}" for joint, scale, _ in joints if scale != 1.0]
         if len({*self.delay.tolist()}) == 1:
@@ -166,7 +166,7 @@ class Compared:
 
 
 def offsets_of(added: np.ndarray) -> tuple[Installed, ...]:
-    """Effort offsets of joints to whose measured efforts a model adds so much, (n,) [N·m]: the contract's count the other way."""
+    """Effort offsets equivalent to what a model adds to measured efforts, (n,) [N·m]; the contract's sign is the opposite."""
     offset = get(EffortOffset.name)
     return tuple(
         Installed(offset, joint, None, {"offset": -float(value)})
@@ -176,7 +176,7 @@ def offsets_of(added: np.ndarray) -> tuple[Installed, ...]:
 
 
 def _later(recording: Recording, delay: np.ndarray) -> Recording:
-    """A recording with each joint's effort by so much later, (n,) [s], without the moments of which none is known then."""
+    """A recording with each joint's effort delayed by (n,) [s], without the samples for which none is known then."""
     if not delay.any():
         return recording
     effort = recording.require_effort().copy()

@@ -1,9 +1,9 @@
-"""Dry friction that comes on little by little as a joint gets faster, or early, as in simulators that regularise it.
+"""Creeping dry friction: it builds up gradually with velocity, or early, as in simulators that regularise it.
 
-It passes for viscous friction, hysteresis or a drift, and what is fitted to it has no right size. The velocity at which all of
-it is there is found beforehand, joint by joint, and so is how early it comes; every law of dry friction then turns round so
-(`Signals.creep`). In MuJoCo it is (q̈ + b q̇) / R before it is clipped: early by 1 / b, and little by little where it is large
-beside the joint's inertia.
+Otherwise it passes for viscous friction, hysteresis or a drift, and fits to it have wrong sizes. The velocity at which
+friction is complete and its lead are found beforehand, joint by joint; every law of dry friction then reverses accordingly
+(`Signals.creep`). In MuJoCo it is (q̈ + b q̇) / R, clipped: early by 1 / b, and gradual where it is large beside the joint's
+inertia.
 """
 
 from __future__ import annotations
@@ -33,49 +33,49 @@ from bdnn_ros.signals import Signals
 from bdnn_ros.signals.signals import friction_direction
 
 SHARES = tuple(0.005 * 1.35**k for k in range(22))
-"""Velocities tried, per root mean square velocity of the joint: what they leave has several valleys, and steep ones."""
+"""Velocities tried, relative to the joint's root mean square velocity: the loss has several, steep minima."""
 EXACTLY = 3e-4
-"""The lowest is found to this share: what a little of much friction lacks passes for a cause."""
+"""Relative tolerance of that velocity: a small error of large friction passes for a cause."""
 ALIKE = 0.3
-"""What differs by less than this share makes no difference to speak of."""
+"""Relative difference of onsets that makes no practical difference."""
 SEEN = 0.03
-"""What is all there at less than this share of the usual velocity comes on at once."""
+"""Friction that is complete below this share of the usual velocity counts as immediate."""
 SMEARED = 3.0
-"""What is all there at less than so many standard deviations of the velocity's noise may come on at once: noise hides it."""
+"""So does, for notes, what is complete below this many standard deviations of the velocity's noise."""
 FAST = 0.95
-"""It is all there for the rest of the time at least: no motion shows what is never all there."""
+"""Quantile of speed that must exceed the velocity at which friction is complete: what never is complete is not seen."""
 FASTEST = 0.99
-"""The same where another joint's creeps, and this one's clearly does: moments may be anything's, but hardly just that."""
+"""The same beside another joint whose friction creeps, if this one's clearly does: less time above it is enough."""
 EARLY = 0.006
-"""So early friction comes that does: a joint that sticks leaves late, which the regression has a nuisance for [s]."""
+"""Least lead that counts as early [s]; less is left to the regression's nuisance of sticking."""
 BREAKAWAYS = tuple(0.001 * 2.0**k for k in range(8))
-"""Travels tried of friction that gives way little by little instead [rad]."""
+"""Breakaway distances tried for pre-sliding friction instead [rad]."""
 FALLS = tuple(0.02 * 2.0**k for k in range(6))
-"""Velocities tried of friction that falls instead, per usual velocity."""
+"""Velocities tried for friction that falls (Stribeck) instead, relative to the usual velocity."""
 CLEARLY = 1.3
-"""Friction creeps where so many times less is left unexplained than by any law that turns round at once."""
+"""Friction creeps if this many times less is left unexplained than by any law that reverses at once."""
 LIKELY = 1.03
-"""The same where another joint's does."""
+"""The same beside another joint whose friction creeps."""
 MOST_DISTURBED = 0.5
-"""Where something pushes for more of the time than this, too little is left to see friction by."""
+"""If something pushes for a larger share of time, too little is left to see friction by."""
 MOST_ROWS = 1000
 LEADS = tuple(0.002 * k for k in range(11))
-"""By so much it may come on early [s]."""
+"""Leads tried [s]."""
 ROUNDS = 2
-"""In which velocities and lead are found in turn."""
+"""Alternations between velocities and lead."""
 TURNING = (DryFriction, LoadDependentFriction, DriftingCoulomb)
-"""Laws that turn round with the velocity; a bristle does with the way that a joint goes."""
+"""Laws that reverse with velocity; pre-sliding friction reverses with displacement."""
 AT_ONCE = (0.0, 0.0, 0.0)
 TINY = 1e-30
 Creep = tuple[float, float, float]
-"""Velocities at which all of it is there, ahead and back [rad/s], and how early it comes [s]."""
+"""Velocities at which friction is complete, ahead and back [rad/s], and its lead [s]."""
 
 
 def creeping(signals: Signals, robot: Robot, disturbed: np.ndarray | None = None) -> np.ndarray | None:
-    """Velocities under which each joint's dry friction comes on little by little, ahead and back [rad/s], and how early [s].
+    """Velocities at which each joint's dry friction is complete, ahead and back [rad/s], and its lead [s], (n, 3).
 
-    They are (n, 3), zero where it does at once or the joint does not move; None where no joint's does. What is disturbed, (N,)
-    bool, is left out.
+    Zero where friction is immediate or the joint does not move; None if no joint's creeps. Disturbed samples, (N,) bool, are
+    left out.
     """
     inside = signals.interior & telling(signals).any(axis=1)
     rows = some(np.flatnonzero(inside if disturbed is None else inside & ~disturbed), MOST_ROWS)
@@ -101,10 +101,10 @@ def creeping(signals: Signals, robot: Robot, disturbed: np.ndarray | None = None
 
 
 def undisturbed(signals: Signals, robot: Robot, disturbed: np.ndarray) -> Signals:
-    """The motion with its friction as it comes on where nothing else disturbs it; as it is where that is not clearly otherwise.
+    """The motion with the onset of friction found outside disturbances; unchanged if that is about the same.
 
     Args:
-        disturbed: samples at which something pushes, (N,) bool: what a push leaves hides how friction comes on.
+        disturbed: samples at which something pushes, (N,) bool, which hides how friction comes on.
     """
     if not disturbed.any() or disturbed.mean() > MOST_DISTURBED:
         return signals
@@ -115,13 +115,14 @@ def undisturbed(signals: Signals, robot: Robot, disturbed: np.ndarray) -> Signal
 
 @dataclass(frozen=True)
 class _Joint:
-    """A joint's effort beside bodies, zeros, base, rotor, fluid friction, offset and lead, and what dry friction explains.
+    """A joint's effort beside bodies, zeros, base, rotor, fluid friction, offset and lead, and what dry friction explains of
+    it.
 
     Attributes:
-        softening: what becomes of columns (N, k) behind both low-passes at some rows of the motion, (R, k).
-        load: what the bodies ask of the joint, whichever way, (N,) [N·m]: dry friction may grow with it.
-        spanned: orthonormal columns of what is beside dry friction, (R, b).
-        target: what they leave of the effort, (R,).
+        softening: passes columns (N, k) through both low-passes at some rows of the motion, (R, k).
+        load: magnitude of the bodies' effort, (N,) [N·m], with which dry friction may grow.
+        spanned: orthonormal basis of all causes but dry friction, (R, b).
+        target: effort with these projected out, (R,).
     """
 
     signals: Signals
@@ -145,7 +146,7 @@ class _Joint:
 
         Args:
             smoothing: the low-pass at some rows of the motion, (R, N).
-            bodies: what errors of bodies, zeros and base add, low-passed, at the rows, (R, k).
+            bodies: columns of errors of bodies, zeros and base, low-passed, at the rows, (R, k).
         """
         assert signals.effort is not None
         v, effort = signals.velocity[:, joint], signals.effort[:, joint]
@@ -168,50 +169,50 @@ class _Joint:
         return found if self._is_seen(found) else AT_ONCE
 
     def likely(self, early: float) -> Creep:
-        """How its dry friction comes on where that of other joints does, so early: what regularises one regularises all."""
+        """The onset given another joint's lead, by weaker evidence: what regularises one joint regularises all."""
         found = self._lowest((0.0, 0.0, early), (0, 1))
         better = min(self._left_by(AT_ONCE), self._left_by_others()) - self._left_by(found)
         seen = self._is_seen(found) if better < np.log(CLEARLY) else self._is_seen(found, FASTEST)
         return found if seen and better > np.log(LIKELY) else AT_ONCE
 
     def _is_seen(self, creep: Creep, fast: float = FAST) -> bool:
-        """Whether friction that comes on so makes a difference, and is all there for the rest of a share of the time."""
+        """Whether an onset makes a difference, and friction is complete in all but a share of the time."""
         all_at = max(creep[:2])
         makes = all_at > SEEN * self._usual or creep[2] > EARLY
         return bool(makes and all_at < np.quantile(self._speed, fast))
 
     @cached_property
     def _speed(self) -> np.ndarray:
-        """How fast it is, (N,) [rad/s]."""
+        """Its speed, (N,) [rad/s]."""
         return np.abs(self.signals.velocity[:, self.joint])
 
     @cached_property
     def _usual(self) -> float:
-        """Its usual velocity [rad/s]."""
+        """Its root mean square velocity [rad/s]."""
         return float(np.sqrt(np.mean(self._speed**2)))
 
     def _apart(self, alike: Creep) -> Creep:
-        """What comes on otherwise ahead than back, where that leaves clearly less than what comes on alike."""
+        """An onset that differs ahead and back, if that leaves clearly less than the same onset for both."""
         slow = [self._usual * share for share in SHARES[::2] if share > SEEN]
         begun = self._best([alike, *((ahead, back, alike[2]) for ahead in slow for back in slow)])
         apart = self._refined(begun, apart=True)
         return apart if self._left_by(apart) < self._left_by(alike) - np.log(CLEARLY) else alike
 
     def _best(self, creeps: Sequence[Creep]) -> Creep:
-        """The one of some that leaves least."""
+        """The one of some onsets that leaves least."""
         return creeps[int(np.argmin(self._left(self._ways(creeps))))]
 
     def _left_by(self, creep: Creep) -> float:
         return float(self._left(self._ways([creep]))[0])
 
     def _left_by_others(self) -> float:
-        """What the best law leaves that comes on at once, gives way or falls."""
+        """Log mean square left by the best law that is immediate, pre-sliding or falling."""
         bent = [bristles(self.signals, self.joint, breakaway) for breakaway in BREAKAWAYS]
         falling = [self._left_falling(self._usual * share) for share in FALLS]
         return float(min(*self._left(np.stack(bent, axis=1)), *falling))
 
     def _refined(self, near: Creep, apart: bool) -> Creep:
-        """How friction comes on that leaves least, from something near: alike ahead and back, or apart."""
+        """The onset that leaves least near a given one: the same ahead and back, or apart."""
         for _ in range(ROUNDS):
             for ways in ((0,), (1,)) if apart else ((0, 1),):
                 near = self._lowest(near, ways)
@@ -221,14 +222,14 @@ class _Joint:
         return near
 
     def _lowest(self, near: Creep, ways: Sequence[int]) -> Creep:
-        """How friction comes on that leaves least of all that differs by its velocity ahead (0), back (1) or both."""
+        """The onset that leaves least over the velocity ahead (0), back (1) or both."""
 
         def moved(log_velocity: float) -> Creep:
             ahead, back = (float(np.exp(log_velocity)) if k in ways else near[k] for k in range(2))
             return ahead, back, near[2]
 
         def left(*log_velocities: float) -> np.ndarray:
-            # a parabola near its lowest, which its logarithm is not
+            # parabolic near its minimum, unlike its logarithm
             return np.exp(self._left(self._ways([moved(one) for one in log_velocities])))
 
         tried = np.log(self._usual * np.array(SHARES))
@@ -243,18 +244,18 @@ class _Joint:
         return moved(min(found, key=lambda one: float(one.fun)).x)
 
     def _left(self, ways: np.ndarray, in_time: bool = False) -> np.ndarray:
-        """Logarithms of the mean squares that dry friction leaves, of its own size either way and turning round early or late.
+        """Log mean squares left by dry friction of free size in either direction and free lead.
 
         Args:
-            ways: directions of the friction, each of which is tried, (N, m).
-            in_time: it turns round neither early nor late.
+            ways: directions of friction, each of which is tried, (N, m).
+            in_time: without a lead.
         """
         own = self._own(self._of(ways)[: 3 if in_time else 4])
         left = [beyond(self.target, basis(own[..., i])) for i in range(ways.shape[1])]
         return np.log(np.maximum(np.mean(np.square(left), axis=1), TINY))
 
     def _left_falling(self, velocity: float) -> float:
-        """The same where it comes on at once and falls with a velocity [rad/s]: it may only be more while slow."""
+        """The same for immediate friction that falls with a velocity [rad/s]; it may only be larger while slow."""
         way = self._ways([AT_ONCE])
         v = self.signals.velocity[:, self.joint, None]
         own = self._own([*self._of(way), way * np.exp(-((v / max(velocity, TINY)) ** 2))])[..., 0]
@@ -264,24 +265,24 @@ class _Joint:
         return float(np.log(max(float(np.mean(left**2)), TINY)))
 
     def _of(self, ways: np.ndarray) -> list[np.ndarray]:
-        """What dry friction of some directions (N, m) may be made of, (N, m) each: the last is that it turns round early."""
+        """Components of dry friction for some directions (N, m), (N, m) each; the last is a lead."""
         early = self.signals.derivative(ways)
         return [np.maximum(ways, 0.0), np.minimum(ways, 0.0), self.load[:, None] * ways, early]
 
     def _own(self, columns: Sequence[np.ndarray]) -> np.ndarray:
-        """k columns (N, m) behind both low-passes, without what is beside them, (R, k, m)."""
+        """k columns (N, m) behind both low-passes, other causes projected out, (R, k, m)."""
         soft = self.softening(np.concatenate(columns, axis=1))
         return beyond(soft, self.spanned).reshape(len(soft), len(columns), -1)
 
     def _ways(self, creeps: Sequence[Creep]) -> np.ndarray:
-        """Directions of friction that comes on so, (N, m)."""
+        """Directions of friction for some onsets, (N, m)."""
         one = slice(self.joint, self.joint + 1)
         motion = self.signals.velocity[:, one], self.signals.acceleration[:, one]
         return friction_direction(*motion, self.signals.rate, np.array(creeps))
 
 
 def _fitted(columns: np.ndarray, target: np.ndarray) -> np.ndarray:
-    """Least squares of a target (R,) on columns (R, k), each counted alike; zero of one that is empty."""
+    """Least squares of a target (R,) on columns (R, k), scaled alike; zero for an empty column."""
     size = np.linalg.norm(columns, axis=0)
     scale = np.where(size > 0.0, size, 1.0)
     return np.asarray(np.linalg.lstsq(columns / scale, target, rcond=1e-9)[0] / scale)
@@ -290,11 +291,11 @@ def _fitted(columns: np.ndarray, target: np.ndarray) -> np.ndarray:
 def remarked(
     recordings: Sequence[Recording], signals: Signals, robot: Robot, effects: Iterable[Term | Installed]
 ) -> list[Recording]:
-    """The recordings with a note on dry friction that comes on little by little, where there is any to speak of.
+    """The recordings with a note on creeping dry friction, where there is any to speak of.
 
     Args:
-        robot: may have some.
-        effects: what else is known to act.
+        robot: may have described friction.
+        effects: others that are known to act.
     """
     if signals.creep is None:
         return list(recordings)

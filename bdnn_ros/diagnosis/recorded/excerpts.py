@@ -1,4 +1,4 @@
-"""What a diagnosis looks at of long recordings."""
+"""Excerpts of long recordings, and limits on short ones."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from bdnn_ros.errors import RecordingError, UsageError, listed
 from bdnn_ros.recording import Recording
 
 ENOUGH = 10.0
-"""So many seconds of motion are asked for: mostly enough behind a usual low-pass, and less mostly refused."""
+"""Duration of motion that is asked for [s]: mostly enough behind a usual low-pass, and mostly refused if shorter."""
 SHORTEST = 8.0
-"""Less time recorded [s] is always refused: it makes too few blocks to hold out by turns."""
+"""Shorter recordings are always refused [s]: they make too few blocks to hold out."""
 MOST_SECONDS = 180.0
-"""A search through more motion than this [s] takes minutes and gigabytes, and shows hardly more."""
+"""Longest motion examined [s]: more takes minutes and gigabytes, and shows hardly more."""
 PIECE = 15.0
-"""Pieces last so long [s]: a push or a gap is seen whole."""
+"""Length of a piece [s], enough to see a push or a gap whole."""
 LEAST = 5.0
-"""Less of a recording [s] is no piece of its own: it is left out."""
+"""Recordings whose excerpt would be shorter than this are left out [s]."""
 EXCERPT = (
     "{name}: of {all:.0f} s of motion {kept:.0f} s are examined, in pieces of {piece:.0f} s all over it; "
     "what acts between them only is not seen. Cut out what matters, to see it all."
@@ -29,7 +29,7 @@ UNSEEN = (
 
 
 def refuse_short(recordings: Sequence[Recording]) -> None:
-    """Says of recordings that they are too short, whatever their motion.
+    """Refuse recordings that are too short, whatever their motion.
 
     Raises:
         RecordingError: they last less than `SHORTEST` together.
@@ -40,7 +40,7 @@ def refuse_short(recordings: Sequence[Recording]) -> None:
 
 
 def refuse_window(seconds: float) -> None:
-    """Says that a window [s] is too short for any answer; 0 is all that there is.
+    """Refuse a window that is too short for any answer [s]; 0 stands for all there is.
 
     Raises:
         UsageError: it is shorter than `SHORTEST`.
@@ -53,7 +53,7 @@ def refuse_window(seconds: float) -> None:
 
 
 def too_short(name: str, seconds: float) -> RecordingError:
-    """What to say of so little motion."""
+    """The error for a recording of so little motion."""
     return RecordingError(
         f"{name}: {seconds:.1f} s of motion are too short for a diagnosis.",
         f"Record at least {ENOUGH:g} s of motion, better 30 s.",
@@ -61,7 +61,7 @@ def too_short(name: str, seconds: float) -> RecordingError:
 
 
 def excerpts(recordings: Sequence[Recording]) -> list[Recording]:
-    """Recordings of no more than `MOST_SECONDS` together: of longer ones pieces all over them, with a note."""
+    """Recordings limited to `MOST_SECONDS` together: of longer ones pieces spread over them, with a note."""
     together = sum(recording.recorded for recording in recordings)
     if together <= MOST_SECONDS:
         return list(recordings)

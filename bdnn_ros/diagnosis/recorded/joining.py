@@ -1,4 +1,4 @@
-"""Several recordings as one."""
+"""Joining several recordings into one."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from bdnn_ros.signals import Signals, prepare, usual_cutoff
 from bdnn_ros.signals.preparing import working_rate
 
 SAME_RATE = 0.02
-"""No two recordings are of the same measured rate: those that differ by no more than this share are of one."""
+"""Relative difference up to which measured rates count as the same."""
 
 
 def prepared_alike(recordings: Sequence[Recording], cutoff: float | None = None) -> list[Signals]:
-    """Clean signals of several recordings, behind one low-pass and, where their rates differ, at one rate: as suits the slowest.
+    """Signals of several recordings behind one low-pass and, if rates differ, at one rate: those of the slowest.
 
     Args:
         cutoff: low-pass [Hz], None chooses.
@@ -39,8 +39,8 @@ def concatenated(parts: list[Signals], recorded: Sequence[np.ndarray] | None = N
     """Several signals of the same joints as one; stamps are shifted so that they follow one another.
 
     Args:
-        recorded: stamps of the recordings that the parts were made of, which may begin before them [s]; these are what then
-            follows one another. None takes the parts' own.
+        recorded: stamps of the recordings that the parts were made of [s], which may begin earlier and define the joint
+            clock; None takes the parts' own.
 
     Raises:
         UsageError: their joints differ.
@@ -83,10 +83,10 @@ def concatenated(parts: list[Signals], recorded: Sequence[np.ndarray] | None = N
 
 
 def own_zeros(times: Sequence[np.ndarray]) -> list[float]:
-    """What the clock of all of some recordings shows at the zero of each one's own, from their stamps [s].
+    """Time on the joint clock at the zero of each recording's own clock, from their stamps [s].
 
-    It is that of the first; the zero of another, or its first stamp where that is before it, is a second after the last
-    stamp before. So what is left out of a recording moves none of its times.
+    The first keeps its clock; each other one's zero, or its first stamp if earlier, is a second after the last stamp before.
+    So leaving samples out of a recording shifts none of its times.
     """
     result = [0.0]
     for before, time in pairwise(times):
@@ -95,23 +95,23 @@ def own_zeros(times: Sequence[np.ndarray]) -> list[float]:
 
 
 def starts(times: Sequence[np.ndarray]) -> list[float]:
-    """What the clock of all of some recordings shows at the first stamp of each [s]."""
+    """Time on the joint clock at the first stamp of each recording [s]."""
     return [zero + float(time[0]) for zero, time in zip(own_zeros(times), times, strict=True)]
 
 
 def owners(time: np.ndarray, begun: Sequence[float]) -> np.ndarray:
-    """Which of several recordings that began at some times each stamp (N,) is of, (N,) int; nothing begun is one."""
+    """Index of the recording that each stamp (N,) belongs to, by the times at which they began, (N,) int; all one without any."""
     return np.searchsorted(np.asarray(begun, float), time, side="right")
 
 
 def stretches(time: np.ndarray, begun: Sequence[float]) -> list[tuple[float, float]]:
-    """First and last of the stamps (N,) of each of several recordings that began at some times [s]."""
+    """First and last stamp of each recording, from all stamps (N,) and the times at which they began [s]."""
     pieces = np.split(time, np.flatnonzero(np.diff(owners(time, begun))) + 1)
     return [(float(piece[0]), float(piece[-1])) for piece in pieces]
 
 
 def without_pauses(time: np.ndarray, begun: Sequence[float]) -> np.ndarray:
-    """Stamps (N,) on a clock that stands still between recordings that began at some times, (N,) [s]."""
+    """Stamps (N,) on a clock that stands still between recordings, (N,) [s]."""
     next_one = np.diff(owners(time, begun), prepend=0) > 0
     next_one[:1] = False
     return np.asarray(time - np.cumsum(np.where(next_one, np.diff(time, prepend=time[:1]), 0.0)))

@@ -1,7 +1,7 @@
-"""Efforts that come late: behind a sensor's or a driver's low-pass, or stamped after the positions.
+"""Efforts that are measured late: behind a low-pass of sensor or driver, or stamped after the positions.
 
-An effort that acts later than it is measured is a cause, `effort_delay`. One that is measured later than it acts is none, and
-up to some milliseconds the regression takes it for what it is (`Equations.nuisances`); what is later passes for friction.
+An effort that acts later than it is measured is a cause, `effort_delay`. One measured later than it acts is not, and a lag of
+some milliseconds is a nuisance of the regression (`Equations.nuisances`); a longer one would pass for friction.
 """
 
 from __future__ import annotations
@@ -20,34 +20,34 @@ from bdnn_ros.robot import Robot
 from bdnn_ros.signals import Signals, mended
 
 LATEST = 0.2
-"""Efforts may be so late [s]."""
+"""Longest delay tried [s]."""
 LEAST = 0.008
-"""Less is left to the regression [s]."""
+"""Shorter delays are left to the regression [s]."""
 LEFT = 0.001
-"""So much is left to it of what is more, too: an effort that is moved too far would act later than it was measured."""
+"""Part of a longer one that is left to it, too [s]: an effort moved too far would act later than it was measured."""
 BETTER = 1.25
-"""An effort is late where so many times less is left unexplained once it is not."""
+"""Efforts are late if moving them leaves this many times less unexplained."""
 LAGS = tuple(0.005 * 1.15**k for k in range(27))
-"""Time constants of low-passes that are tried [s]."""
+"""Time constants of low-passes tried [s]."""
 BREAKAWAYS = (0.001, 0.004, 0.016)
-"""Over so long a way dry friction may come on after a joint turned round [rad or m]."""
+"""Breakaway distances of pre-sliding friction allowed for [rad or m]."""
 NEAR = tuple(1.08**k for k in range(-3, 6))
-"""Those tried in the end, per the best one."""
+"""Time constants tried last, relative to the best one."""
 NEARBY = range(-2, 4)
-"""Delays tried in the end, in samples from the best one."""
+"""Delays tried last, in samples from the best one."""
 MOST_ROWS = 500
 TOLD_BY = 1500
-"""So many rows tell in the end how late efforts are."""
+"""Rows that the last step uses."""
 TINY = 1e-30
 
 
 @dataclass(frozen=True)
 class Lateness:
-    """How efforts come late, all alike.
+    """Lateness of all efforts.
 
     Attributes:
-        delay: by which they were stamped later than they acted [s].
-        lag: time constant of a low-pass of first order, as exponential smoothing is, that they had passed instead [s].
+        delay: of their stamps after they acted [s].
+        lag: time constant of a first-order low-pass (exponential smoothing) that they had passed instead [s].
     """
 
     delay: float = 0.0
@@ -55,14 +55,14 @@ class Lateness:
 
     @property
     def total(self) -> float:
-        """How late slow efforts come [s]."""
+        """Lateness of slowly changing efforts [s]."""
         return self.delay + self.lag
 
 
 def lateness(signals: Signals, robot: Robot) -> Lateness:
-    """How late the efforts of a motion are; not at all where that is little, or not sure.
+    """Lateness of the efforts of a motion; none if small or not sure.
 
-    Joints that stand still have no say.
+    Joints that stand still are ignored.
     """
     efforts = _Efforts(signals)
     rows = some(efforts.rows, MOST_ROWS)
@@ -90,11 +90,11 @@ def lateness(signals: Signals, robot: Robot) -> Lateness:
 
 
 class _Efforts:
-    """The efforts of a motion, had they come earlier.
+    """The efforts of a motion, shifted earlier.
 
     Attributes:
-        rows: of the motion, after each of which more is known than any delay takes, (R,).
-        most: delays are less than so many samples.
+        rows: samples followed by at least the longest delay, (R,).
+        most: delays are less than this many samples.
     """
 
     def __init__(self, signals: Signals) -> None:
@@ -109,16 +109,16 @@ class _Efforts:
         self._change = signals.derivative(signals.effort)
 
     def earlier(self, rows: np.ndarray, samples: int) -> np.ndarray:
-        """Stamped so many samples earlier, (R, n)."""
+        """Efforts stamped so many samples earlier, (R, n)."""
         return np.asarray(self._effort[rows + samples])
 
     def quicker(self, rows: np.ndarray, lag: float) -> np.ndarray:
-        """Without a low-pass of a time constant [s], (R, n)."""
+        """Efforts with a first-order low-pass of a time constant [s] undone, (R, n)."""
         return np.asarray(self._effort[rows] + lag * self._change[rows])
 
 
 def _bends(signals: Signals) -> list[np.ndarray]:
-    """Bristles that are bent over several distances before they slide, (N, n) each: such friction turns late, too."""
+    """Pre-sliding friction over several breakaway distances, (N, n) each, since it reverses late, too."""
     joints = range(signals.width)
     return [np.stack([bristles(signals, joint, over) for joint in joints], axis=1) for over in BREAKAWAYS]
 
@@ -132,13 +132,13 @@ def _refined(
     bends: Sequence[np.ndarray],
     speaking: np.ndarray,
 ) -> Lateness:
-    """Which of a delay near so many samples and a lag near one [s] leaves less beside bodies of any kind; none if not by much.
+    """The better of a delay near so many samples and a lag near a time constant [s], beside arbitrary bodies; none if not
+    clear.
 
-    Joints stick while they turn round, so that their friction turns early: the direction's rate is free, too. Or late, as
-    bristles do.
+    Friction may reverse early, as in sticking (its direction's rate is a column), or late, as in pre-sliding.
 
     Args:
-        speaking: indices of the joints that have a say.
+        speaking: indices of the joints that move.
     """
     rows = some(efforts.rows, TOLD_BY)
     direction = signals.derivative(signals.sign)[rows]
@@ -172,9 +172,9 @@ def _refined(
 
 
 def in_time(recordings: Sequence[Recording], late: Lateness) -> tuple[list[Recording], Lateness]:
-    """Recordings with efforts as they acted, with a note, and how much of the lateness that took back.
+    """Recordings with their efforts' lateness undone, with a note, and how much was undone.
 
-    A delay is taken back by whole samples only; of several recordings on average.
+    A delay is undone by whole samples; for several recordings the average is returned.
     """
     if late.lag:
         return [_quicker(mended(recording), late) for recording in recordings], late
@@ -186,7 +186,7 @@ def in_time(recordings: Sequence[Recording], late: Lateness) -> tuple[list[Recor
 
 
 def note(recording: Recording, late: Lateness) -> str:
-    """What a user should know of a recording whose efforts come late."""
+    """The note on a recording whose efforts come late."""
     if late.lag:
         return (
             f"{recording.name}: the efforts passed a low-pass of first order, of about {0.5 / np.pi / (late.lag + LEFT):.1f} "
@@ -199,7 +199,7 @@ def note(recording: Recording, late: Lateness) -> str:
 
 
 def _samples(recording: Recording, late: Lateness) -> int:
-    """Whole samples by which the efforts are moved: none where that would leave nothing."""
+    """Whole samples by which efforts are moved; none if no data would be left."""
     samples = round(late.delay * recording.rate)
     return samples if samples < max(s.stop - s.start for s in recording.segments()) else 0
 
@@ -214,7 +214,7 @@ def _earlier(recording: Recording, late: Lateness) -> Recording:
 
 
 def _quicker(recording: Recording, late: Lateness) -> Recording:
-    """What exponential smoothing made of the efforts taken back: x[k] = y[k] + lag / period (y[k] - y[k - 1])."""
+    """A recording with exponential smoothing of its efforts undone: x[k] = y[k] + lag / period (y[k] - y[k - 1])."""
     rows = np.concatenate([np.arange(s.start + 1, s.stop) for s in recording.segments()])
     if not len(rows):
         return recording

@@ -1,4 +1,4 @@
-"""What columns leave of efforts, joint by joint, and which of several readings of the efforts the joints prefer together."""
+"""Residuals of efforts beside given columns, and the reading of the efforts that all joints together prefer."""
 
 from __future__ import annotations
 
@@ -6,27 +6,27 @@ import numpy as np
 from scipy.linalg import qr
 
 NEW = 1e-6
-"""Columns that add less than this share to others say nothing of their own."""
+"""Columns that add less than this share to others are taken as dependent."""
 MOST_REGRET = 0.5
-"""Most that one joint's log error may speak against a reading: no joint outvotes all others."""
+"""Largest regret of a single joint: none outvotes all others."""
 
 
 def basis(columns: np.ndarray) -> np.ndarray:
-    """Orthonormal columns that span those (R, k), each counted alike."""
+    """Orthonormal basis of columns (R, k), scaled alike."""
     size = np.linalg.norm(columns, axis=0)
     spanning, triangle, _ = qr(columns[:, size > 0.0] / size[size > 0.0], mode="economic", pivoting=True)
     return np.asarray(spanning[:, np.abs(np.diagonal(triangle)) > NEW])
 
 
 def beyond(values: np.ndarray, spanned: np.ndarray) -> np.ndarray:
-    """Values (R,) or (R, k) without what an orthonormal basis (R, b) explains of them."""
+    """Values (R,) or (R, k) with their projection on an orthonormal basis (R, b) removed."""
     return np.asarray(values - spanned @ (spanned.T @ values))
 
 
 def regret(left: np.ndarray) -> np.ndarray:
-    """How much more each of C readings leaves than the best one for each of J joints, mean of these, (C, J) to (C,).
+    """Excess of each of C readings' log error over the best one for each of J joints, averaged over joints, (C, J) to (C,).
 
-    Where a gear is soft or loose a joint asks for another reading: none counts without bound.
+    Bounded for each joint, since one with a soft or loose gear prefers another reading.
 
     Args:
         left: logarithms of mean squares.

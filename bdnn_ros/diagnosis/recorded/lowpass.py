@@ -1,4 +1,4 @@
-"""The low-pass a diagnosis compares effort and motion behind."""
+"""Choice of the low-pass behind which a diagnosis compares effort and motion."""
 
 from __future__ import annotations
 
@@ -12,29 +12,29 @@ from bdnn_ros.signals import prepare, usual_cutoff
 from bdnn_ros.signals.kernels import gaussian_std, passed_noise
 
 CUTOFFS = (7.0, 6.0, 5.0, 4.2, 3.5, 3.0)
-"""Low-passes tried [Hz], widest first."""
+"""Cut-offs tried [Hz], highest first."""
 CUTOFF_OF_USUAL = 0.7
-"""Motion and effort are compared behind a low-pass at most this share of the usual one."""
+"""Highest cut-off of a diagnosis relative to the usual one of signals."""
 SLOWER = (2.1, 1.5, 1.0)
-"""Low-passes tried below these where motion is slow [Hz], widest first."""
+"""Lower cut-offs tried for slow motion [Hz], highest first."""
 KEPT, MINOR = 0.9, 0.01
-"""Motion is slow where the lowest leaves so much of the velocity's power, of each joint that has more than the second share of
-the largest."""
+"""Motion is slow if the lowest cut-off keeps this share of the velocity's power, at each joint with more than `MINOR` of the
+largest power."""
 QUIET = 1.0
-"""Noise from the position may be so large beside the effort's."""
+"""Largest noise from the position, relative to the effort's own."""
 ROUNDED = 1e-9
-"""Readings that differ by less than this share of the largest, or of 1, are one."""
+"""Readings that differ by less than this, relative to the largest (at least 1), are equal."""
 SLIPS_APART = 4.0
-"""Slips of a reading by a step do not overlap behind the low-pass when so many of its standard deviations lie between them."""
+"""Spacing in standard deviations of the low-pass at which slips of a reading by one step do not overlap."""
 USUAL_STEP = 0.1
-"""Of the differences between one reading and the next larger one, sorted, the one that is the step."""
+"""Quantile of the sorted differences between neighbouring distinct readings that is taken as the step."""
 
 
 def quiet_cutoff(recordings: Sequence[Recording], robot: Robot) -> float:
-    """The highest low-pass [Hz] at which noise of the position does not drown that of the effort.
+    """Highest cut-off [Hz] at which noise of the position does not dominate that of the effort.
 
-    Noise of the position reaches the regressor through the acceleration. Where it outweighs the effort's own, everything that
-    acts as a further low-pass (a delay, an elastic joint) seems to explain something.
+    Noise of the position enters the regressor through the acceleration. Where it dominates, every cause that acts as a
+    low-pass (a delay, an elastic joint) seems to explain something.
     """
     highest = CUTOFF_OF_USUAL * min(usual_cutoff(recording.rate) for recording in recordings)
     tried = [cutoff for cutoff in CUTOFFS if cutoff <= highest] or [highest]
@@ -45,10 +45,10 @@ def quiet_cutoff(recordings: Sequence[Recording], robot: Robot) -> float:
 
 
 def slow_cutoff(recordings: Sequence[Recording], robot: Robot) -> float | None:
-    """A low-pass [Hz] below the usual ones that suits slow motion under noise; None where the usual ones do.
+    """A cut-off [Hz] below the usual ones for slow motion under noise; None if a usual one suits.
 
-    A controller that follows its encoder's noise gives efforts for accelerations that only this noise makes: it seems to
-    drive a rotor, or through a soft gear. Slow motion loses nothing behind a low-pass that leaves less of that.
+    A controller that follows its encoder's noise makes efforts for accelerations that exist in the noise only: it seems to
+    drive a rotor, or through a soft gear. A lower low-pass removes these and costs slow motion nothing.
     """
     lowest = quiet_cutoff(recordings, robot)
     slower = [cutoff for cutoff in SLOWER if cutoff < lowest <= CUTOFFS[-1]]
@@ -60,7 +60,7 @@ def slow_cutoff(recordings: Sequence[Recording], robot: Robot) -> float | None:
 
 
 def _keeps(recording: Recording, low: float, high: float) -> bool:
-    """Whether one low-pass leaves the motion that a higher one does [Hz]; what noise of the positions makes does not count."""
+    """Whether the lower cut-off keeps the motion that the higher one does [Hz], noise of the positions aside."""
     parts = prepare(recording, low), prepare(recording, high)
     left, whole = (np.mean(part.velocity**2, axis=0) - part.velocity_noise**2 for part in parts)
     return bool((left > KEPT * whole)[whole > MINOR * whole.max()].all())
@@ -72,7 +72,7 @@ def _quiet(recordings: Sequence[Recording], robot: Robot, cutoff: float) -> bool
 
 
 def _noise_ratio(recording: Recording, robot: Robot, cutoff: float) -> float:
-    """Largest ratio, over joints, of the effort's noise that comes from the position to the sensor's own."""
+    """Largest ratio, over joints, of effort noise caused by the position to the sensor's own."""
     effort = passed_noise(white_noise(recording.require_effort()), gaussian_std(cutoff), recording.rate)
     shaking = passed_noise(position_noise(recording), gaussian_std(cutoff), recording.rate, order=2)
     from_position = _borne(recording, robot, shaking)
@@ -81,11 +81,11 @@ def _noise_ratio(recording: Recording, robot: Robot, cutoff: float) -> float:
 
 
 def stepping(recordings: Sequence[Recording], robot: Robot, cutoff: float) -> np.ndarray:
-    """Effort that the bodies seem to take where positions are read in steps, at most, (n,) [N·m].
+    """Upper bound of the apparent effort of bodies that quantised positions cause, (n,) [N·m].
 
-    Steps make no noise at rest. Where a joint goes by about one between two samples they beat with these: then a reading slips
-    by a whole step now and then, and what that makes comes and goes. It makes most where slips just do not overlap:
-    the acceleration of one behind a Gaussian of standard deviation s has the energy step² / (4 √π s³).
+    Quantisation is no noise at rest. Where a joint moves about one step per sample, readings slip by a whole step now and
+    then, in a beat that comes and goes. It is worst where slips just do not overlap: the acceleration of one behind a Gaussian
+    of standard deviation s has the energy step² / (4 √π s³).
     """
     apart = SLIPS_APART * gaussian_std(cutoff)
     energy = 1.0 / (4.0 * np.sqrt(np.pi) * gaussian_std(cutoff) ** 3)
@@ -94,14 +94,14 @@ def stepping(recordings: Sequence[Recording], robot: Robot, cutoff: float) -> np
 
 
 def _borne(recording: Recording, robot: Robot, acceleration: np.ndarray) -> np.ndarray:
-    """Effort of each joint under accelerations that have nothing to do with each other, (n,) [rad/s²], (n,) [N·m]."""
+    """Root mean square effort of each joint under independent accelerations, (n,) [rad/s²] to (n,) [N·m]."""
     some = recording.position[:: max(len(recording) // 50, 1)]
     mass = np.sqrt(np.mean(robot.mass_matrix(some) ** 2, axis=0))
     return np.asarray(np.sqrt(mass**2 @ acceleration**2))
 
 
 def _steps(values: np.ndarray) -> np.ndarray:
-    """Size of the steps in which values (N, n) are read, as of an encoder, (n,); next to nothing where there are none."""
+    """Quantisation step of values (N, n), as of an encoder, (n,); next to nothing where there is none."""
     found = np.zeros(values.shape[1])
     for k, column in enumerate(values.T):
         apart = np.diff(np.unique(column))

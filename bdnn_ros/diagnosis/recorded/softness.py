@@ -1,9 +1,9 @@
-"""Recordings that were low-passed before they were published, as those of a driver or of a data set often are.
+"""Recordings that were low-passed before they were published, by a driver or for a data set.
 
-Steps of dry friction are then softer than the motion says, which passes for hysteresis, delay, viscous or Stribeck friction,
-and bodies no longer bear what the motion says, since what they bear is not linear in it. What low-pass it was is read off the
-efforts; what it let through is given back, and every sharp term is softened by what is left of it. Friction that gives way
-little by little is soft, too, but by how far a joint has moved, not by time.
+Steps of dry friction are then softer than the motion implies, which passes for hysteresis, delay, viscous or Stribeck
+friction; inertial efforts no longer match the motion either, being nonlinear in it. The low-pass is identified from the
+efforts, undone where it lets through, and every sharp term is softened by what is left of it. Pre-sliding friction is soft,
+too, but by the way that a joint has moved, not by time.
 """
 
 from __future__ import annotations
@@ -22,41 +22,43 @@ from bdnn_ros.signals import Signals
 from bdnn_ros.signals.lowpasses import Lowpass, Response, Restored, Restoring, reach_of
 
 CUTOFFS = tuple(2.0 ** ((k - 1) / 2.0) for k in range(8))
-"""Gaussian low-passes tried [Hz]; wider ones soften less than a diagnosis' own."""
+"""Cut-offs of Gaussian low-passes tried [Hz]; higher ones soften less than the diagnosis' own low-pass."""
 ORDERS = (0, 1, 2, 3, 4)
 """Orders of low-passes tried near the best Gaussian."""
 NEAR = tuple(1.15**k for k in range(-4, 5))
-"""Their cut-offs, per that of the Gaussian."""
+"""Cut-offs tried for each order, relative to the best Gaussian's."""
 NEARER = tuple(1.03**k for k in range(-4, 5))
-"""Those tried in the end, per the best of these."""
+"""Cut-offs tried last, relative to the best of these."""
 DECIDED_BEHIND = 3.5
-"""Low-passes are told from one another behind one of this [Hz]: noise of the position counts less there."""
+"""Low-pass behind which candidates are compared [Hz]: low, so that noise of the position counts less."""
 BETTER = 1.4
-"""Efforts are soft where so many times less of how fast they change is left unexplained by softened steps, mean of the joints."""
+"""Efforts are soft if softened steps leave this many times less of their rate of change, mean of the joints."""
 TELLING = 2.0
-"""And so many times less than without any steps: what shows at the edges of where a joint rests is little, and any shape does."""
+"""And this many times less than no steps at all: at the edges of rest alone, any shape fits the little that shows."""
 CLEARLY = 1.1
-"""Efforts alone were low-passed where so many times less is left by motion as it was recorded than by restored motion."""
+"""Only efforts were low-passed if recorded motion leaves this many times less than restored motion."""
 UNLIKE = 0.1
-"""Where the joints regret the best low-pass more they are soft each in its own way: gears, not a low-pass."""
+"""If the joints' mean regret of the best low-pass exceeds this, each is soft in its own way: gears, not a low-pass."""
 ENOUGH = 60.0
-"""So much motion tells [s]."""
+"""Duration of motion that is examined [s]."""
 LEAST = 2.0
-"""A joint that moves for less time tells nothing [s]."""
+"""Joints that move for less time are ignored [s]."""
 MOST_ROWS = 3000
 TINY = 1e-30
 HARDLY, LITTLE = 0.01, 0.05
-"""Of a filter that reaches beyond a segment's ends, where low-passes are told from one another and where motion is compared."""
+"""Share of a filter's kernel allowed beyond a segment's ends, when low-passes are told apart and (`LITTLE`) when motion is
+compared."""
 COMPARED = 0.7
-"""Motion and effort are compared behind a low-pass at most this share of what is left of the one they had passed."""
+"""Cut-off behind which motion and effort are compared, relative to the edge of the restored low-pass."""
 
 
 @dataclass(frozen=True)
 class Softness:
-    """What efforts had passed before they were recorded.
+    """Low-pass that efforts had passed before they were recorded.
 
     Attributes:
-        motion: the positions had passed it, too.
+        lowpass: the low-pass.
+        motion: whether the positions had passed it, too.
     """
 
     lowpass: Lowpass
@@ -64,7 +66,7 @@ class Softness:
 
 
 def softness(signals: Signals, robot: Robot) -> Softness | None:
-    """The low-pass that the efforts of a motion had passed, all alike; None where none shows."""
+    """The low-pass that all efforts of a motion had passed; None if none shows."""
     if signals.time[-1] - signals.time[0] > ENOUGH:
         signals = signals.between(signals.time[0], signals.time[0] + ENOUGH)
     if not telling(signals)[signals.interior].any():
@@ -86,7 +88,7 @@ def softness(signals: Signals, robot: Robot) -> Softness | None:
 
 
 def _refined(signals: Signals, robot: Robot, near: Softness) -> Softness:
-    """The low-pass, of those like a Gaussian, that leaves least: of each order the best cut-off, then finer about these."""
+    """The low-pass near a Gaussian that leaves least: the best cut-off of each order, then finer about these."""
     cutoffs = [near.lowpass.cutoff] * len(ORDERS)
     changes = [_Changes(signals, robot, near)] * len(ORDERS)
     for steps in (NEAR, NEARER):
@@ -102,10 +104,10 @@ def _refined(signals: Signals, robot: Robot, near: Softness) -> Softness:
 
 
 class _Changes:
-    """How fast efforts change, and what explains it.
+    """Rates of change of efforts, and how much of them steps of dry friction explain.
 
     Args:
-        own: what efforts had passed, so that what bodies bear has to; None: bodies as the motion says.
+        own: low-pass of the efforts, applied to inertial efforts as well; None for none.
     """
 
     def __init__(self, signals: Signals, robot: Robot, own: Softness | None = None) -> None:
@@ -117,9 +119,9 @@ class _Changes:
         moves = telling(signals) & signals.interior[:, None]
         inside = moves.any(axis=1) & _untouched(signals, response, HARDLY)
         self.rows = some(np.flatnonzero(inside if inside.any() else moves.any(axis=1)), MOST_ROWS)
-        # what a joint bears that stands still grows as slowly as it is asked to: that is no softness
+        # at rest, friction follows the slowly changing load: that is no softness
         free = ~sticks(signals, STICKING_WIDTHS)
-        # the same joints whatever is left out at the ends
+        # chosen before rows at segment ends are dropped, so that the joints do not depend on the filter
         self.joints = np.flatnonzero((moves & free).sum(axis=0) > LEAST * signals.rate)
         self.seen = free[self.rows]
         borne = robot.regressor(motion.position, motion.velocity, motion.acceleration)
@@ -136,14 +138,14 @@ class _Changes:
 
     @property
     def without(self) -> np.ndarray:
-        """The same as `left` of no steps at all, (J,)."""
+        """As `left` without steps, (J,)."""
         return np.log([_left(target, np.zeros_like(target)) for target in self.target])
 
     def left(self, lowpass: Lowpass | None) -> np.ndarray:
-        """Logarithm of the mean square that is left beside steps behind a low-pass, of each of the joints, (J,).
+        """Log mean square left of each joint's rates by steps behind a low-pass, (J,).
 
-        Steps turn where the motion as recorded does or as restored, whichever tells more of a joint: what is restored turns
-        at the right time, but shakes about rest.
+        Steps follow the direction of recorded or restored motion, whichever explains more: restored motion turns at the right
+        time but jitters about rest.
         """
         return np.asarray(np.minimum.reduce([self._left(sign, lowpass) for sign in self.signs]))
 
@@ -155,7 +157,7 @@ class _Changes:
 
 
 def _moved(signals: Signals, response: Response) -> Signals:
-    """The signals with their motion behind one more filter."""
+    """The signals with their motion passed through a filter."""
     return replace(
         signals,
         position=signals.through(signals.position, response),
@@ -165,7 +167,7 @@ def _moved(signals: Signals, response: Response) -> Signals:
 
 
 def _untouched(signals: Signals, response: Response, share: float) -> np.ndarray:
-    """Samples on which a segment's ends tell by no more than a share of a filter, (N,) bool; of short segments half."""
+    """Samples at which at most a share of a filter's kernel lies beyond its segment, (N,) bool; half of short segments."""
     reach = reach_of(response, signals.rate, share)
     inside = np.zeros(len(signals), bool)
     for rows in signals.segments:
@@ -175,7 +177,7 @@ def _untouched(signals: Signals, response: Response, share: float) -> np.ndarray
 
 
 def softened(signals: Signals, own: Softness) -> Signals:
-    """The signals with what the low-pass let through given back, compared behind no wider one than what is left of it."""
+    """The signals with the low-pass undone where it lets through, to be compared behind no higher a cut-off than remains."""
     restored, restoring = Restored(own.lowpass), Restoring(own.lowpass)
     response = restoring if own.motion else restored
     reported = signals.reported_velocity
@@ -195,7 +197,7 @@ def noted(recordings: Sequence[Recording], own: Softness) -> list[Recording]:
 
 
 def note(recording: Recording, own: Softness) -> str:
-    """What a user should know of a recording whose efforts had passed a low-pass."""
+    """The note on a recording whose efforts had passed a low-pass."""
     what = "motion and efforts were" if own.motion else "efforts were"
     return (
         f"{recording.name}: {what} low-passed at about {own.lowpass.edge:.1f} Hz before they were recorded; what was let "
@@ -205,7 +207,7 @@ def note(recording: Recording, own: Softness) -> str:
 
 
 def _left(target: np.ndarray, steps: np.ndarray) -> float:
-    """Mean square of a target (R,) that a positive multiple of steps (R,) leaves."""
+    """Mean square that the best non-negative multiple of steps (R,) leaves of a target (R,)."""
     common = max(float(target @ steps), 0.0)
     square = float(target @ target)
     left = max(square - common**2 / max(float(steps @ steps), TINY), NEW * square, TINY)

@@ -1,4 +1,4 @@
-"""Whether the reported velocity is the derivative of the reported position."""
+"""Checks whether the reported velocity is the derivative of the reported position or a low-pass of it."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from bdnn_ros.signals import Signals
 from bdnn_ros.signals.kernels import trailing
 
 SAMPLES_OF_LAG = 1.5
-"""A lag of up to so many sample periods is what differentiating does; more is a filter."""
+"""Lag in sample periods that differentiation itself causes; more is a filter."""
 HALF_SAMPLE = 1.0 / np.sqrt(12.0)
-"""Standard deviation of a lag in sample periods: how a driver's filter takes the samples is not known, ± half a period."""
+"""Standard deviation of a lag in sample periods: how a driver's filter takes samples is unknown by half a period."""
 BLOCKS = 12
 CUTOFF = VelocityFilter.parameters[0]
-"""A low-pass that lets more through than it may is none, and one that lets less through is something else."""
+"""Bounds of the cut-off: beyond the upper one there is no filter, below the lower one something else is wrong."""
 
 
 def reported_velocity(
@@ -29,9 +29,9 @@ def reported_velocity(
     """A finding for each joint whose reported velocity lags behind its motion like a first-order low-pass.
 
     Args:
-        recordings: those without a velocity tell nothing.
-        cutoff: low-pass [Hz], None chooses.
-        before: cut-offs of low-passes that are known already, (n,) [Hz], infinite for none: what differs from them is found.
+        recordings: those without a velocity are ignored.
+        cutoff: low-pass [Hz]; None chooses.
+        before: cut-offs known already, (n,) [Hz], infinite for none; only differences from these are found.
     """
     reporting = [recording for recording in recordings if recording.velocity is not None]
     if not reporting:
@@ -43,12 +43,12 @@ def reported_velocity(
 
 
 def none_is_left(cutoff: float, rate: float) -> bool:
-    """Whether a low-pass [Hz] is none at so many samples per second [Hz]: differentiating lags as much."""
+    """Whether a low-pass [Hz] at a sample rate [Hz] lags no more than differentiation does."""
     return lag_of(cutoff) < SAMPLES_OF_LAG / rate
 
 
 def lag_of(cutoff: float) -> float:
-    """Time constant [s] of a low-pass of first order [Hz]."""
+    """Time constant [s] of a first-order low-pass [Hz]."""
     return 1.0 / (2.0 * np.pi * cutoff)
 
 
@@ -68,7 +68,7 @@ def _filtered(signals: Signals, joint: int, known: float) -> Finding | None:
     before = float(np.mean((reported - _delayed(signals, joint, lag_of(known))[rows]) ** 2))
     after = float(np.mean((reported - _delayed(signals, joint, lag)[rows]) ** 2))
     nothing = float(np.mean(reported**2))
-    # a velocity of the wrong sign, or of another joint, is foretold best by none at all
+    # a velocity of the wrong sign, or of another joint, is predicted best by zero
     if after > 0.5 * min(before, nothing) or lag > lag_of(CUTOFF.lower):
         return None
     lag = max(lag, lag_of(CUTOFF.upper))
