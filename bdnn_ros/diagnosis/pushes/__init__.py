@@ -1,1 +1,1 @@
-"""Where and when something pushed or touched: one place and time after another, looked for in the residual."""
+"""Pushes and contacts: where and when something pushed, searched for in the residual."""

@@ -115,8 +115,7 @@ def undisturbed(signals: Signals, robot: Robot, disturbed: np.ndarray) -> Signal
 
 @dataclass(frozen=True)
 class _Joint:
-    """A joint's effort beside bodies, zeros, base, rotor, fluid friction, offset and lead, and what dry friction explains of
-    it.
+    """A joint's effort beside bodies, zeros, base, rotor, fluid friction, offset and lead, for fits of dry friction.
 
     Attributes:
         softening: passes columns (N, k) through both low-passes at some rows of the motion, (R, k).

@@ -39,7 +39,7 @@ def concatenated(parts: list[Signals], recorded: Sequence[np.ndarray] | None = N
     """Several signals of the same joints as one; stamps are shifted so that they follow one another.
 
     Args:
-        recorded: stamps of the recordings that the parts were made of [s], which may begin earlier and define the joint
+        recorded: stamps of the recordings that the parts were made of [s], which may begin earlier and define the common
             clock; None takes the parts' own.
 
     Raises:
@@ -83,7 +83,7 @@ def concatenated(parts: list[Signals], recorded: Sequence[np.ndarray] | None = N
 
 
 def own_zeros(times: Sequence[np.ndarray]) -> list[float]:
-    """Time on the joint clock at the zero of each recording's own clock, from their stamps [s].
+    """Time on the common clock at the zero of each recording's own clock, from their stamps [s].
 
     The first keeps its clock; each other one's zero, or its first stamp if earlier, is a second after the last stamp before.
     So leaving samples out of a recording shifts none of its times.
@@ -95,7 +95,7 @@ def own_zeros(times: Sequence[np.ndarray]) -> list[float]:
 
 
 def starts(times: Sequence[np.ndarray]) -> list[float]:
-    """Time on the joint clock at the first stamp of each recording [s]."""
+    """Time on the common clock at the first stamp of each recording [s]."""
     return [zero + float(time[0]) for zero, time in zip(own_zeros(times), times, strict=True)]
 
 

@@ -46,8 +46,7 @@ LEAST = 2.0
 MOST_ROWS = 3000
 TINY = 1e-30
 HARDLY, LITTLE = 0.01, 0.05
-"""Share of a filter's kernel allowed beyond a segment's ends, when low-passes are told apart and (`LITTLE`) when motion is
-compared."""
+"""Share of a filter's kernel allowed beyond a segment's ends: to tell low-passes apart, and to compare motion."""
 COMPARED = 0.7
 """Cut-off behind which motion and effort are compared, relative to the edge of the restored low-pass."""
 

@@ -1,1 +1,1 @@
-"""What is said of what was found: findings, verdict, gain, what is left, notes and advice."""
+"""Reporting a diagnosis: findings, verdict, gain, what is unexplained, notes and advice."""

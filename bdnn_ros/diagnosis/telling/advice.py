@@ -1,4 +1,4 @@
-"""What would settle the ties: a motion, a look at the robot, or a known load."""
+"""Advice on how to settle ties: a motion, an inspection of the robot, or a known load."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from bdnn_ros.robot.axes import spins
 WIDER = "of all joints together, over wider ranges, slow and fast; `bdnn excite` makes such a motion."
 MORE = f"No cause stands out in this motion: record more {WIDER}"
 MORE_SINCE = f"Identify the earlier model from more motion, and record more to compare with it, {WIDER}"
-"""What there is to do where nothing can be told, and nothing is in doubt that a motion of its own would settle."""
+"""Advice where nothing can be told and no tie suggests a motion of its own."""
 
 
 def advice(
@@ -27,12 +27,12 @@ def advice(
     unnamed: Container[int] = (),
     at_most: Callable[[int, Term], float | None] = lambda one, rival: None,
 ) -> list[str]:
-    """A sentence or two for each tie: what would settle it, or that nothing need.
+    """A sentence or two for each tie: what would settle it, or that it need not be settled.
 
     Args:
         places: the name of a term's joint or link.
-        unnamed: which of the found are no findings: `bdnn excite` plans no motion for them.
-        at_most: share of the effort that a rival of one of the found may be beyond it, where the motion shows it; else None.
+        unnamed: indices of the found that are no findings, for which `bdnn excite` plans no motion.
+        at_most: upper bound of a rival's excess over one of the found, as a share of the effort; None if not shown.
     """
     sentences, causes = [], [one.term for one in found]
     for k, (one, judgement) in enumerate(zip(found, judgements, strict=True)):
@@ -55,15 +55,15 @@ def advice(
 def _to_tell(
     term: Term, close: Sequence[Term], robot: Robot, places: Callable[[Term], str], named: bool
 ) -> str:
-    """What tells a term from its rivals: as a rule a motion, which `bdnn excite` makes where the term is named.
+    """What tells a term from its rivals: usually a motion, which `bdnn excite` makes if the term is named.
 
-    What a rival has beyond the term that it settles into is shown by a motion that the rival needs.
+    A rival that settles into the term is shown by the motion that the rival needs.
     """
     place = places(term)
     names = in_words(_with_place(r, places) if places(r) != place else r.title for r in close)
     told = f"{_with_place(term, places)} from {names}"
     push = next((one for one in (term, *close) if one.effect.timed), None)
-    if push is not None:  # it is over: other motions show what lasts, none shows what pushed then
+    if push is not None:  # a push is over: other motions only show lasting causes
         return f"To tell {told}, record {push.effect.shown_by}."
     inertias = all(one.effect.on_body or one.effect.name == Armature.name for one in (term, *close))
     if inertias and spins(robot, term.target):
@@ -76,5 +76,5 @@ def _to_tell(
 
 
 def _with_place(term: Term, places: Callable[[Term], str]) -> str:
-    """A term's name and place; what is of the base, or of all joints, needs none."""
+    """A term's name and place, without a place for the base or all joints."""
     return term.title if term.target < 0 else f"{term.title} at {places(term)}"

@@ -1,4 +1,4 @@
-"""Links that are all off by one factor: efforts in another unit do the same, and no motion tells which."""
+"""Links that are all off by one factor: efforts in a wrong unit do the same, and no motion tells which."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from bdnn_ros.effects.actuation import EffortScale
 from bdnn_ros.effects.rigid import LinkInertia
 
 LIKELIER = 3.0
-"""One factor of all efforts beside the links' errors is told where it is likelier than those without it by so much [nats]."""
+"""Evidence by which one common factor must beat individual link errors to be reported [nats]."""
 FEWEST = 3
-"""So many links that are named with about the same factor may all be right, and the efforts' unit wrong."""
+"""Fewest named links with about the same factor that may all be right, with the efforts' unit wrong."""
 AGREES = 2.0
-"""A link's factor is about the common one within so many standard deviations of both."""
+"""Distance in standard deviations of both within which a link's factor agrees with the common one."""
 ALIKE = (
     "What the links are off by is nearly one factor, {factor:.2f} ± {std:.1g}. Efforts that are reported {factor:.2f} times as "
     "large as they act would do the same: an effort_scale of {scale:.2f} at all joints, as of a wrong torque constant or unit."
@@ -34,18 +34,18 @@ SETTLED = (
 
 @dataclass(frozen=True)
 class Common:
-    """How many times as large as simulated all efforts are, with its standard deviation."""
+    """Ratio of all efforts to the simulated ones, with its standard deviation."""
 
     factor: float
     std: float
 
     def said(self, sentence: str) -> str:
-        """A sentence with its values."""
+        """A sentence with these values filled in."""
         return sentence.format(factor=self.factor, std=self.std, scale=1.0 / self.factor)
 
 
 def common(equations: Equations, fitted: Pool) -> Common | None:
-    """One factor of all efforts that is likelier than as many links' errors, with or without those named; None without one."""
+    """One factor of all efforts that is likelier than individual link errors, with or without the named ones; None without."""
     pool = Pool(equations, fitted.noise, fitted.terms, fitted.link_error)
     rest = [c for c, term in enumerate(pool.terms) if term.effect.name != LinkInertia.name]
     alone, best = -math.inf, (-math.inf, 0.0, 0.0)
@@ -57,10 +57,10 @@ def common(equations: Equations, fitted: Pool) -> Common | None:
 
 
 def _beside(pool: Pool, fit: Fit) -> tuple[float, float, float]:
-    """Evidence of one factor beside a fit, how much more than one it is, and its standard deviation.
+    """Evidence of a common factor beside a fit, its excess over one, and its standard deviation.
 
-    Links that all are off by it are believed in their place, and what the simulation has beside them, its friction, comes on top:
-    as a column of its own, the links' are nearly the same, it would be lost in rounding.
+    The factor is a shift of the links' prior mean, plus a column for what the simulation has beside links, such as friction. A
+    column of all efforts would be nearly collinear with the links' and lost in rounding.
     """
     equations, believed = pool.equations, EffortScale.coefficient_spread**-2.0
     links = equations.masses.astype(float)
@@ -76,7 +76,7 @@ def _beside(pool: Pool, fit: Fit) -> tuple[float, float, float]:
 
 
 def tied(findings: Sequence[Finding], alike: Common | None) -> list[Finding]:
-    """Findings with the efforts' unit as a rival of links that agree on one factor: even odds, as the motion says nothing."""
+    """Findings with the efforts' unit as an even rival of links that agree on one factor, since no motion decides."""
     agree = [one for one in findings if alike is not None and _agrees(one, alike)]
     if len(agree) < FEWEST:
         return list(findings)
@@ -84,12 +84,12 @@ def tied(findings: Sequence[Finding], alike: Common | None) -> list[Finding]:
 
 
 def untold(findings: Sequence[Finding]) -> bool:
-    """Whether the efforts' unit is a rival of some of them."""
+    """Whether the efforts' unit is a rival of some findings."""
     return any(everywhere(rival.effect, rival.joint) for one in findings for rival in one.rivals)
 
 
 def everywhere(effect: str, joint: str | None) -> bool:
-    """Whether what is named at a joint, or at None, is the unit of all efforts: no motion tells it from the links."""
+    """Whether an effect at a joint (or None) is the unit of all efforts, which no motion tells from the links."""
     return effect == EffortScale.name and joint is None
 
 

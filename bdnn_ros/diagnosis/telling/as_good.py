@@ -1,4 +1,4 @@
-"""Ties with richer laws in a motion that would have shown these: advising such a motion once more settles nothing."""
+"""Ties with richer laws that this motion would have shown: another such motion would settle nothing."""
 
 from __future__ import annotations
 
@@ -18,31 +18,30 @@ AS_GOOD = (
     "What {richer} at {place} would do beyond {plain} is less than {percent:.2g} % of its effort by this motion: either will do, "
     "and no other motion need tell them apart."
 )
-"""What is said of a tie between laws that differ by less than anybody would name."""
+"""Sentence on a tie of laws that differ by less than would be named."""
 SEEN = (
     "{Richer} of a usual size at {place} would have shown in this motion: beyond {plain} it is at most {percent:.2g} % of its "
     "effort. Only a far longer recording of such motions shows what is smaller; without it {plain} will do."
 )
-"""What is said of a tie that the motion which would settle it has left open."""
+"""Sentence on a tie that this motion left open though it would show a usual excess."""
 
 
 def as_good(plain: Term, richer: Term, place: str, share: float) -> str:
-    """The sentence on a richer law that is at most so much of the effort beyond a plainer one."""
+    """Sentence on a richer law that exceeds a simpler one by at most this share of the effort."""
     title = richer.title
     told = {"Richer": title[0].upper() + title[1:], "richer": title, "place": place, "plain": plain.title}
     return (AS_GOOD if share < MINIMUM_SHARE else SEEN).format(percent=100.0 * share, **told)
 
 
 def at_most(equations: Equations, fitted: Pool, one: int, rival: Term) -> float | None:
-    """Share of a joint's effort that a richer law may still be beyond a plainer one, where the motion shows it; else None.
+    """Upper bound of a richer law's excess over a simpler one, as a share of the joint's effort; None if not shown.
 
-    One of a usual size has to stand out by what is known of its coefficients, not by what they do along this motion: of a joint
-    that moves one way only nothing is known of friction the other way. A shape that this motion does not show is not denied, nor
-    is what seems to be there.
+    The motion must determine the coefficients well enough to show an excess of usual size: along motion one way only, nothing
+    is known of friction the other way. Laws with a free shape, and an excess that seems to be there, are not excluded.
 
     Args:
-        fitted: the terms that were found.
-        one: the plainer of them.
+        fitted: the found terms.
+        one: the simpler law among them.
     """
     term, weights = fitted.terms[one], rival.effect.excess
     if weights is None or rival.effect.shape_bounds or not contains(rival, term):

@@ -1,4 +1,4 @@
-"""Pushes that are not seen to begin or not seen to end: another cause that changed meanwhile would do the same."""
+"""Pushes whose begin or end is not seen, and which another cause that changed meanwhile may imitate."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ UNSEEN = (
     "That the push on {where} {edge} is not seen: what changes once, or creeps, as the zero of a sensor that gets warm, would do "
     "the same."
 )
-"""What is said of a push that may be no push."""
+"""Note on a push that may be no push."""
 ONE_BY_ONE = (
     " It lasts all through a recording, and each may have drifted by itself: diagnose them one by one, too."
 )
-"""What is said as well where whole recordings differ: of drifts, only one from start to end of all is looked for."""
+"""Added where whole recordings differ: drifts are only searched from start to end of all recordings together."""
 
 
 def endless(estimate: Estimate, where: str, equations: Equations) -> list[str]:
-    """The note on a push that a recording does not show to begin, or to end, and that is no load; else none.
+    """The note on a push whose begin or end no recording shows and that is no load; else none.
 
-    A load that is put down was there before, and one that is taken up may stay: both pull as a weight does.
+    A load that is put down was there from the start, one that is taken up may stay to the end: both pull as a weight does.
 
     Args:
         where: the name of its joint or link.
@@ -34,7 +34,7 @@ def endless(estimate: Estimate, where: str, equations: Equations) -> list[str]:
         return []
     start, end = (estimate.quantities[edge] for edge in EDGES)
     pieces = stretches(equations.motion.time[equations.rows], equations.motion.signals.begun)
-    # what is between two recordings is before the later one, and after the earlier
+    # a time between two recordings is before the later one and after the earlier one
     begins = any(first < start.value - start.std <= start.value <= last for first, last in pieces)
     ends = any(first <= end.value <= end.value + end.std < last for first, last in pieces)
     unseen = ["begins"] * (not begins) + ["ends"] * (not ends)
@@ -43,7 +43,7 @@ def endless(estimate: Estimate, where: str, equations: Equations) -> list[str]:
 
 
 def _pulls_down(estimate: Estimate, equations: Equations) -> bool:
-    """Whether a push is a force that may be a weight, as well as it is known."""
+    """Whether a push is a force that may be a weight, within its uncertainty."""
     if estimate.term.link is None:
         return False
     force, std = np.array([(q.value, q.std) for q in (estimate.quantities[axis] for axis in FORCE)]).T

@@ -1,4 +1,4 @@
-"""What an effort may depend on: features of every joint's position, velocity, acceleration and load, of time, and of pairs."""
+"""Inputs that an unexplained effort may depend on: position, velocity, acceleration and load of joints, time, and pairs."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ from numpy.polynomial.legendre import legvander
 from bdnn_ros.diagnosis.regression.equations import Equations
 
 Key = tuple[str, ...]
-"""What a group of features is made of, as "joint.quantity" each, or "time"."""
+"""Inputs that a group of features is made of: "joint.quantity" each, or "time"."""
 
 TIME = "time"
 HARMONICS = 9
 PLACES = 24
-"""So many places along a joint's way tell what is there and nowhere else."""
+"""Hat functions along a joint's range, for what occurs at one place only."""
 DEGREE, AGEING = 4, 3
-"""Of polynomials of a position beside another input, and of time."""
+"""Degrees of polynomials: of a position multiplied with another input, and (`AGEING`) of time."""
 
 
 def single(equations: Equations) -> dict[Key, np.ndarray]:
     """Features of every joint's position, velocity, acceleration and load, rows (R, k) each.
 
-    Like the columns of effects they are made at the working rate, then reduced.
+    Made at the working rate and then low-passed and decimated, as columns of effects are.
     """
     motion = equations.motion
     groups: dict[str, np.ndarray] = {}
@@ -42,7 +42,7 @@ def single(equations: Equations) -> dict[Key, np.ndarray]:
 
 
 def ageing(equations: Equations, joint: int) -> dict[Key, np.ndarray]:
-    """Features (R, k) of time: what changes slowly of a joint's effort, at rest or with its velocity, as friction does."""
+    """Features (R, k) of time: slow changes of a joint's offset, viscous and Coulomb friction."""
     motion = equations.motion
     slow = legvander(_along(motion.time), AGEING)
     of = np.stack(
@@ -52,10 +52,10 @@ def ageing(equations: Equations, joint: int) -> dict[Key, np.ndarray]:
 
 
 def pairs(equations: Equations, joint: int) -> dict[Key, np.ndarray]:
-    """Features (R, k) of what two inputs do together, one of them of this joint: neither does it by itself.
+    """Features (R, k) of products of two inputs, one of them of this joint.
 
-    Friction that differs along the way, say, or an effort by the product of two velocities. Of a joint's position with
-    itself: what happens at a place.
+    Friction that differs along the way, say, or an effort by the product of two velocities. A joint's position paired with
+    itself stands for what occurs at a place.
     """
     every = {key: values for j in range(equations.width) for key, values in _factors(equations, j).items()}
     own = _factors(equations, joint)
@@ -75,12 +75,12 @@ def pairs(equations: Equations, joint: int) -> dict[Key, np.ndarray]:
 
 
 def names(key: Key) -> Iterable[str]:
-    """The inputs of a group, each once."""
+    """Inputs of a group, without repetition."""
     return dict.fromkeys(key)
 
 
 def _factors(equations: Equations, joint: int) -> dict[str, np.ndarray]:
-    """What each input of a joint may multiply another by, (N, k) each."""
+    """Factors of each input of a joint for products, (N, k) each."""
     motion, name = equations.motion, equations.motion.signals.joints[joint]
     v = motion.velocity[:, joint]
     return {
@@ -91,19 +91,19 @@ def _factors(equations: Equations, joint: int) -> dict[str, np.ndarray]:
 
 
 def _along(values: np.ndarray) -> np.ndarray:
-    """Where in its range each value is, -1 to 1."""
+    """Values scaled to their range, -1 to 1."""
     low, high = float(values.min()), float(values.max())
     return np.asarray(2.0 * (values - low) / max(high - low, 1e-9) - 1.0)
 
 
 def _places(position: np.ndarray) -> np.ndarray:
-    """How near each position is to places that lie closer where the joint is more often, (N, at most `PLACES`)."""
+    """Hat functions of a position, denser where the joint is more often, (N, at most `PLACES`)."""
     at = np.unique(np.quantile(position, np.linspace(0.0, 1.0, PLACES)))
     return np.stack([np.interp(position, at, one) for one in np.eye(len(at))], axis=1)
 
 
 def _products(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Every feature of one times every feature of the other, (N, k) and (N, m) to (N, k m)."""
+    """Products of all features of one with all of the other, (N, k) and (N, m) to (N, k m)."""
     return np.asarray((one[:, :, None] * other[:, None, :]).reshape(len(one), -1))
 
 

@@ -1,4 +1,4 @@
-"""What is said of what is left, and of where most of what was mended without a name lies."""
+"""Sentences on what is unexplained, and on where most of the unnamed improvement lies."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ POOR = (
     "The earlier model does not describe this motion down to its noise, whether anything changed or not{then}: {much} of its "
     "squared error is left above that{where}"
 )
-"""What is said of what an earlier model leaves where no change can be shown."""
+"""Sentence on what an earlier model leaves unexplained where no change can be shown."""
 
 
 def unexplained_sentence(
@@ -37,12 +37,12 @@ def unexplained_sentence(
     slight: Sequence[str] = (),
     poor: str | None = None,
 ) -> str:
-    """What is said of what is left, `share` of the squared error of what was compared with.
+    """Sentence on what is unexplained: `share` of the reference's squared error.
 
     Args:
-        above, slight: joints where that is more than noise, and where it is though little.
-        named: whether anything has a name.
-        poor: where no change of an earlier model can be shown, how it did before (see `then`); else None.
+        above, slight: joints where that exceeds the noise, and where it does though by little.
+        named: whether there are findings.
+        poor: clause on an earlier model of which no change can be shown (see `then`); else None.
     """
     if share > 1.0:
         return f"What was found predicts the motion that was held out worse than the {reference} does."
@@ -69,7 +69,7 @@ def unexplained_sentence(
 
 
 def then(case: Case, above: Sequence[str]) -> str:
-    """How much more than on the motion that it was made from an earlier model errs at some joints; nothing where nobody knows."""
+    """Clause on how much more an earlier model errs at some joints than on its own motion; empty if not known."""
     known = None if case.since is None else getattr(case.since.model, "noise", None)
     if known is None or case.since is None:
         return ""
@@ -82,7 +82,7 @@ def then(case: Case, above: Sequence[str]) -> str:
 
 
 def mostly_at(case: Case, least: float) -> list[str]:
-    """The note on the joint where most of what corrections of an earlier model mend lies, and of what kind; none for none.
+    """The note on the joint, and kind of correction, with most of the improvement on an earlier model; none if there is none.
 
     Args:
         least: share of the squared error that the extended model surely mends.
@@ -98,7 +98,7 @@ def mostly_at(case: Case, least: float) -> list[str]:
     counts = case.held.sum(axis=0)
 
     def removed(part: np.ndarray) -> np.ndarray:
-        """What comes back of each joint's squared error without a part, (n,)."""
+        """Squared error of each joint that a part removes, (n,)."""
         return np.asarray((rms(left + part, case.held) ** 2 - rms(left, case.held) ** 2) * counts)
 
     mended = removed(every)

@@ -1,4 +1,4 @@
-"""Which terms of a fit have a name: those that are sure, large enough, and borne out by rows that were not fitted."""
+"""Which terms of a fit become findings: those that are sure, large enough, and confirmed by held-out rows."""
 
 from __future__ import annotations
 
@@ -26,29 +26,28 @@ from bdnn_ros.robot import Robot
 from bdnn_ros.robot.axes import rotor_on
 
 SAMPLES_LATE = 0.75
-"""What acts later than its stamp by less than so many sample periods acts with its sample."""
+"""Delays below this many sample periods say no more than when in its sample an effort was taken."""
 DOUBTFUL = 0.1
-"""An effect that may as well not be there with this probability stays in the model without a name, as one that is hardly as
-likely as this beside what could stand in its place."""
+"""Probability of no cause above which, or of the cause itself below which, an effect stays in the model without a name."""
 UNLIKELY = 0.5
-"""What has no name is told as a doubt only where nothing at all is no likelier than this."""
+"""An unnamed effect counts as a doubt only if no cause at all is at most this probable."""
 OF_THIS_FORM = 2.0
-"""Any other law removes so many times what is left that inputs predict: else they do something there that has not its form."""
+"""An effect other than wear must remove this many times the predictable rest; else the law has not its form."""
 CHANGES = " Its force changes meanwhile, or where it acts: this is the constant push that comes nearest."
-"""What is said of a push that no constant one explains."""
+"""Added to the sentence of a push that changes."""
 
 ANYTHING = 1e3
-"""So many times as large as usual may be anything."""
+"""Factor that makes a prior standard deviation practically unbounded."""
 
 
 @dataclass(frozen=True)
 class Doubts:
-    """What speaks against a name at a joint.
+    """Reasons against a name at a joint.
 
     Attributes:
-        unfit: joints of which nothing is named, (n,) bool.
-        poor: those where much is left, of which no push is named that is constant, (n,) bool.
-        told: what is left there that inputs predict, (n,) [(N·m)²].
+        unfit: joints at which nothing is named, (n,) bool.
+        poor: joints with much error left, at which no constant push is named, (n,) bool.
+        told: squared error left above the noise where inputs predict it, see `Case.told`, (n,) [(N·m)²].
     """
 
     unfit: np.ndarray
@@ -56,7 +55,7 @@ class Doubts:
     told: np.ndarray
 
     def against(self, effect: Effect, changing: bool, joint: int, less: float) -> bool:
-        """Whether an effect that removes most of a joint's error, `less` [(N·m)²], is not to be named there."""
+        """Whether an effect that removes `less` [(N·m)²] of error, mostly at a joint, must not be named there."""
         constant = effect.timed and not changing
         formed = effect.name in WEAR or less >= OF_THIS_FORM * self.told[joint]
         return bool(self.unfit[joint] or (constant and self.poor[joint]) or not formed)
@@ -64,16 +63,16 @@ class Doubts:
 
 @dataclass(frozen=True)
 class Named:
-    """What of some terms has a name.
+    """Findings, and terms without a name.
 
     Attributes:
-        findings: what is sure and large enough for one.
+        findings: terms that are sure and large enough.
         doubtful: whether something large is likely without being sure.
-        weighty: what is large enough, and borne out.
-        silent: what is large enough and has none.
-        unknown: payloads that are sure and large enough, and beyond what links may be off by, though their masses are not known.
-        unsaid: share of the simulation's squared error that the model takes away by what has no name.
-        beside_links: the same but for links that are off, as all are a little.
+        weighty: terms that are large enough and confirmed by held-out rows.
+        silent: terms that are large enough but have no name.
+        unknown: bodies that are sure, large enough and beyond usual link errors, though their masses are not known.
+        unsaid: share of the simulation's squared error that lasting terms without a name remove.
+        beside_links: the same without wrong links, since all are a little wrong.
     """
 
     findings: list[Finding]
@@ -93,11 +92,11 @@ def named(
     doubts: Doubts,
     unnamed: Container[int],
 ) -> Named:
-    """Which terms have a name.
+    """Decide which terms become findings.
 
     Args:
-        doubts: what speaks against names at the joints.
-        unnamed: terms that have no name, whatever they explain.
+        doubts: reasons against names at the joints.
+        unnamed: terms that are not named, whatever they explain.
     """
     held = equations.usable & attempt.test[:, None]
     taken = removed(equations, attempt.fitted, attempt.extended, held, equations.usable)
@@ -119,7 +118,7 @@ def named(
             continue
         weighty.append(one)
         sure = judgement.nothing <= DOUBTFUL <= judgement.at_least(estimate.term)
-        # what is named for a link or the base is told by joints that bear most of it
+        # doubts about an effect on a link or the base are those of the joint at which it removes most
         most = int(np.argmax(ever.less / scale**2))
         removes = float(max(held_out.less[most], ever.less[most]))
         sure &= not doubts.against(estimate.term.effect, judgement.changing, most, removes)
@@ -148,11 +147,11 @@ def named(
 def beyond_links(
     equations: Equations, link_error: float, estimate: Estimate, but_rotor: bool = False
 ) -> bool:
-    """Whether a body's change is more than its link may be off by anyway, as well as it is known.
+    """Whether a change of a body is significantly more than its link may be off by anyway.
 
     Args:
-        link_error: by which the links seem to be off.
-        but_rotor: look at what is no inertia about the joint's axis, as of a rotor.
+        link_error: prior standard deviation of the links' relative errors.
+        but_rotor: disregard inertia about the joint's axis, which may be a rotor's.
     """
     term, robot = estimate.term, equations.motion.robot
     assert isinstance(term.effect, OnBody) and term.link is not None
@@ -171,17 +170,17 @@ def beyond_links(
 
 
 def _with_its_sample(estimate: Estimate, equations: Equations) -> bool:
-    """Whether a delay is one that tells no more than where in its sample an effort was taken."""
+    """Whether a delay is too short to differ from when in its sample the effort was taken."""
     if estimate.term.effect.name != EffortDelay.name:
         return False
     return abs(estimate.values["delay"]) < SAMPLES_LATE / equations.motion.signals.raw_rate
 
 
 def _alone(push: Estimate, found: Sequence[Estimate]) -> bool:
-    """Whether a push is the only one at its time: then that something pushes is sure, though no part of its wrench is.
+    """Whether a push is the only one at its time, so that a push is sure even if no part of its wrench is.
 
-    On few joints many a wrench does the same. A second push that is not known may be what is left of the first, and one that
-    may as well have begun or ended long before is none.
+    On few joints many wrenches do the same. A second, unsure push may be left over from the first, and a push whose times are
+    unknown by more than its length is none.
     """
     if not (push.term.effect.timed and push.possible):
         return False
@@ -215,7 +214,7 @@ def _finding(robot: Robot, estimate: Estimate, judgement: Judgement, share: floa
 
 
 def _told(estimate: Estimate) -> dict[str, float]:
-    """Parameters as a sentence tells them: NaN for the part of a whole that the motion does not show."""
+    """Parameters for a sentence: NaN for a part of a whole that the motion does not show."""
     effect = estimate.term.effect
     return {
         p.name: q.value if p.name not in effect.parts or p.seen(q.value, q.std) else math.nan
@@ -230,6 +229,6 @@ def _place(robot: Robot, term: Placed) -> tuple[str | None, str | None]:
 
 
 def name_of(robot: Robot, term: Placed) -> str:
-    """The name of a term's joint or link, in words where it has none."""
+    """Name of a term's joint or link, or words if it has none."""
     joint, link = _place(robot, term)
     return joint or link or ("the base" if term.effect.on == "base" else "every joint")

@@ -1,4 +1,4 @@
-"""What is said beside a diagnosis: what a recording does not tell, and what its causes may be taken for."""
+"""Notes beside a diagnosis: what the recording cannot tell, and what its causes may be mistaken for."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ MOSTLY_LINKS = (
     "error: none of them is sure by itself{more}."
 )
 AMONG_THEM = ", and wrong units or what has no name may be among them"
-"""What is said of links that are further off than usual."""
+"""Added for links that are further off than usual."""
 BY_LINKS = (
     "Errors of {whose}, none of which stands out, make up {share:.0f} % of the {reference}'s squared error; the extended model "
     "mends them."
@@ -41,11 +41,11 @@ BY_LEAD = (
     "That makes up {share:.0f} % of the {reference}'s squared error; the extended model mends it."
 )
 USUAL_LEAD = 1.25
-"""An effort that leads by no more than so many times what a hold makes is as usual."""
+"""Largest lead of efforts, relative to a hold's, that is not worth a note."""
 SLIGHT = 0.1
-"""What of the squared error the extended model mends without a name is said where that is surely more than this share."""
+"""Share of the squared error that unnamed corrections must surely remove to be worth a note."""
 MOST = 0.5
-"""Share of the squared error above which that is said of the links, and above which what has no name leaves a verdict open."""
+"""Share of the squared error above which link corrections get a note, and unnamed terms leave a verdict open."""
 ALONE = (
     "Only {joint} {does}: what it carries, wrong links, wrong angles and a wrong torque constant do the same to it, so none "
     "of them is named.{remedy}"
@@ -79,7 +79,7 @@ NOT_IN_MODEL = (
     "{where}."
 )
 OF_INERTIA = "inertia of {place} beyond the model's, as a rotor that moves it has"
-"""What is said of what seems to be a payload, where all but an inertia about its joint is no more than a link may be off by."""
+"""Clause on an apparent payload that only its inertia about the joint tells from usual link errors."""
 AT_AN_END = (
     f"Something pushes in the first or last {ENDS:g} s only, or a filter that was run both ways made it of the recording's ends, "
     "or pre-sliding friction was bent before the recording began: it is not named. Record from rest until the robot rests."
@@ -105,11 +105,11 @@ WEIGHTLESS = (
     "simulation counts as its own."
 )
 DOWN = math.cos(math.radians(30.0))
-"""A force within this angle of gravity may be a weight: a load that is swung pulls sideways, too."""
+"""Cosine of the largest angle to gravity of a force that may be a weight: a swung load pulls sideways, too."""
 
 
 def of_recording(robot: Robot, equations: Equations) -> list[str]:
-    """What a recording does not tell: of bodies where one joint moves alone, of what changes with time where all do briefly."""
+    """Notes on what a recording cannot tell: of bodies if one joint moves alone, of changes with time if all move briefly."""
     signals, longest = equations.motion.signals, float(equations.moving.max())
     least, notes = least_motion(signals), []
     if equations.alone is not None:
@@ -121,7 +121,7 @@ def of_recording(robot: Robot, equations: Equations) -> list[str]:
 
 
 def _alone(robot: Robot, equations: Equations, joint: int) -> str:
-    """The note on the only joint whose rows count, of a robot of one joint or of several."""
+    """The note on the only joint with usable rows, of a robot with one joint or more."""
     signals = equations.motion.signals
     moving = (~signals.at_rest).mean(axis=0) > HARDLY_USABLE
     unmeasured = [
@@ -137,11 +137,11 @@ def _alone(robot: Robot, equations: Equations, joint: int) -> str:
 
 
 def uncompared(robot: Robot, usable: np.ndarray, held: np.ndarray) -> list[str]:
-    """A note on joints that have no rows among those that errors are of: their errors are no zeros.
+    """Notes on joints without held-out rows, whose zero errors mean nothing.
 
     Args:
-        usable: rows that count, (R, n) bool.
-        held: those of them that errors are of, (R, n) bool.
+        usable: usable rows, (R, n) bool.
+        held: the held-out ones among them, (R, n) bool.
     """
     none, brief = ~usable.any(axis=0), usable.any(axis=0) & ~held.any(axis=0)
     told = ((UNCOMPARED, none), (NOT_HELD_OUT, brief))
@@ -153,7 +153,7 @@ def uncompared(robot: Robot, usable: np.ndarray, held: np.ndarray) -> list[str]:
 
 
 def one_clock(recordings: Sequence[Recording], findings: Sequence[Finding]) -> list[str]:
-    """A note on when each of several recordings begins by its own clock, where a finding tells a time."""
+    """Note on when each of several recordings begins on the common clock, if a finding tells a time."""
     if len(recordings) < 2 or not any(set(EDGES) <= set(finding.parameters) for finding in findings):
         return []
     begin = own_zeros([recording.time for recording in recordings])
@@ -162,10 +162,10 @@ def one_clock(recordings: Sequence[Recording], findings: Sequence[Finding]) -> l
 
 
 def unnamed(terms: Sequence[tuple[Term, str]], share: float, since: bool) -> list[str]:
-    """A note on terms, each with its place, that the fit holds and no finding tells of: all but pushes are in the model.
+    """Notes on fitted terms that are no findings, each with its place: all but pushes are in the extended model.
 
     Args:
-        share: of the squared error that those in the model remove.
+        share: of the squared error that unnamed terms in the model remove.
     """
     pushes = [place for term, place in terms if term.effect.timed]
     others = list(dict.fromkeys(f"{term.title} at {place}" for term, place in terms if not term.effect.timed))
@@ -177,7 +177,7 @@ def unnamed(terms: Sequence[tuple[Term, str]], share: float, since: bool) -> lis
 
 
 def unknown(found: Sequence[tuple[Estimate, str, bool]]) -> list[str]:
-    """A note on payloads, each with its place and whether it is more than a rotor, surely there though they may weigh nothing."""
+    """Note on payloads that surely exist though possibly without mass, each with its place and whether it exceeds a rotor."""
 
     def told(estimate: Estimate, place: str, weighs: bool) -> str:
         if not weighs:
@@ -189,7 +189,7 @@ def unknown(found: Sequence[tuple[Estimate, str, bool]]) -> list[str]:
 
 
 def mostly_links(share: float, far_off: bool, since: bool) -> list[str]:
-    """A note where the links' corrections remove most of the squared error, this share of it.
+    """Note on link corrections that remove most of the squared error, this share of it.
 
     Args:
         far_off: whether the links are further off than usual.
@@ -199,13 +199,13 @@ def mostly_links(share: float, far_off: bool, since: bool) -> list[str]:
 
 
 def mended(least: float, by_links: float, by_lead: float, lead: float, hold: float, since: bool) -> list[str]:
-    """A note on what the extended model mends where nothing is named.
+    """Note on what the extended model improves where nothing is named.
 
     Args:
-        least: share of the squared error that it surely mends.
-        by_links, by_lead: share that the links' corrections remove, and a lead of the effort.
-        lead: how far efforts lead the motion [s].
-        hold: how far one leads that is held for a sample [s].
+        least: share of the squared error that it surely removes.
+        by_links, by_lead: shares that link corrections and a lead of the effort remove.
+        lead: lead of the efforts over the motion [s].
+        hold: lead of an effort that is held for a sample [s].
     """
     if least < SLIGHT or max(by_links, by_lead) < SLIGHT:
         return []
@@ -216,13 +216,13 @@ def mended(least: float, by_links: float, by_lead: float, lead: float, hold: flo
 
 
 def as_it_was(since: bool) -> str:
-    """The note on corrections that were given up, so that what was compared with stays as it is."""
+    """The note on corrections that were dropped, so that the reference stays unchanged."""
     whose = "its links and joints" if since else "the links' masses and inertias"
     return STAYS.format(whose=whose, reference=reference(since))
 
 
 def leading(share: float, lead: float, hold: float, since: bool) -> list[str]:
-    """A note on a lead of the efforts [s] that makes up this share of the squared error, beyond that of a hold [s]."""
+    """Note on a lead of the efforts [s] that makes up this share of the squared error, if longer than a usual hold [s]."""
     way, much = "early" if lead > 0.0 else "late", 1e3 * abs(lead)
     told = BY_LEAD.format(much=much, way=way, share=100.0 * min(share, 1.0), reference=reference(since))
     return [told] * (abs(lead) > USUAL_LEAD * hold)
@@ -231,7 +231,7 @@ def leading(share: float, lead: float, hold: float, since: bool) -> list[str]:
 def loads(
     robot: Robot, findings: Sequence[Finding], time: np.ndarray, begun: Sequence[float] = ()
 ) -> list[str]:
-    """A note on each push that may be a load, taken up and kept to a recording's end, there from its start and put down, or both.
+    """Notes on pushes that may be loads: present from a recording's start, kept to its end, or both.
 
     Args:
         time: of the rows, (R,) [s].
@@ -251,7 +251,7 @@ def loads(
 
 
 def haunted(robot: Robot, findings: Sequence[Finding]) -> list[str]:
-    """A note on each link named with another mass or a payload whose body has the inertia of links without mass."""
+    """Notes on named links or payloads whose body includes the inertia of massless links."""
     links = (one.link for one in findings if one.link and get(one.effect).on_body)
     found = ((link, weightless(robot, link)) for link in dict.fromkeys(links))
     return [WEIGHTLESS.format(where=link, links=listed(ghosts)) for link, ghosts in found if ghosts]
@@ -260,7 +260,7 @@ def haunted(robot: Robot, findings: Sequence[Finding]) -> list[str]:
 def _held(
     where: str, mass: float, start: float, end: float, pieces: Sequence[tuple[float, float]]
 ) -> list[str]:
-    """The note on what pulls as a mass [kg] would between two times [s], of recordings of such first and last times."""
+    """The note on what pulls as a mass [kg] would between two times [s], given each recording's first and last time."""
     first = next((begin for begin, last in pieces if last >= start), pieces[-1][0])
     last = next((last for begin, last in reversed(pieces) if begin <= end), pieces[0][1])
     from_start, to_end = start < first + ENDS, end > last - ENDS

@@ -1,4 +1,4 @@
-"""Which of many groups of inputs predict a value, by blocks of time that had no say in the choice."""
+"""Which groups of inputs predict a value, cross-validated over blocks of time that had no part in the choice."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ K = TypeVar("K", bound=Hashable)
 FOLDS = 5
 RIDGE = 1e-2
 VARIES = 1e-6
-"""An input that varies by less than this share of itself is one value: of a joint that stands still."""
+"""Spread of an input, relative to its size, below which it is constant, as at a joint that stands still."""
 LONGEST = 0.99
-"""Correlation of neighbouring values that is told from one that never fades."""
+"""Largest correlation of neighbouring values that is assumed."""
 ADDS = 0.05
-"""A group is chosen beside others where it predicts this share more."""
+"""Additional share of the value that a group must predict to be chosen beside others."""
 
 
 class Predictor(Generic[K]):
@@ -50,10 +50,10 @@ class Predictor(Generic[K]):
         self._known: dict[tuple[bytes, bytes], np.ndarray] = {}
 
     def predicted(self) -> tuple[np.ndarray, dict[K, float]]:
-        """What groups that are chosen by the other folds alone predict, (R,), and by what share of the value each helps.
+        """Prediction (R,) from groups chosen by the other folds alone, and the share of the value that each explains.
 
-        The choice is part of the prediction: of many groups one may suit the folds that it is chosen by, but not the one
-        that is held out. Named are those that most folds choose, or the best one.
+        The choice is cross-validated, too: of many groups one may fit the folds it is chosen by, but not the held-out one.
+        Listed are the groups that most folds choose, or the best one.
         """
         result = np.zeros(len(self._inputs))
         helps = {key: np.zeros(FOLDS) for key in self._columns}
@@ -72,7 +72,7 @@ class Predictor(Generic[K]):
         return result, {key: mean[key] for key in named}
 
     def _chosen(self, folds: Sequence[int]) -> dict[K, float]:
-        """Groups that help one after another, with the share of the value that each predicts beside those before it."""
+        """Groups chosen by forward selection, with the share of the value that each adds."""
         columns, found = np.zeros(1, int), dict[K, float]()
         left, whole = self._left(columns, folds), float(self._energy[list(folds)].sum())
         while len(found) < len(self._columns):
@@ -89,7 +89,7 @@ class Predictor(Generic[K]):
         return found
 
     def _left(self, columns: np.ndarray, folds: Sequence[int]) -> float:
-        """Sum of squares that inputs leave in some folds, each predicted from the others of them."""
+        """Squared error of inputs on some folds, each predicted from the others of these."""
         left = 0.0
         for fold in folds:
             w = self._weights(columns, [one for one in folds if one != fold])
@@ -98,7 +98,7 @@ class Predictor(Generic[K]):
         return left
 
     def _weights(self, columns: np.ndarray, folds: Sequence[int]) -> np.ndarray:
-        """Of inputs, by some folds, (k,); none where these are too few."""
+        """Ridge weights of inputs fitted to some folds, (k,); zero if they hold too little data."""
         key = columns.tobytes(), bytes(folds)
         if key not in self._known:
             self._known[key] = self._solved(columns, np.array(folds))
@@ -114,9 +114,9 @@ class Predictor(Generic[K]):
 
 
 def by_chance(left: np.ndarray, rows: np.ndarray, tried: int) -> float:
-    """Share of what is left, (R,), that the best of so many inputs would predict by chance in some rows, (R,) bool.
+    """Share of a residual (R,) that the best of so many inputs would explain by chance, over some rows (R,) bool.
 
-    The slower it varies the fewer of its values are independent, and the more of them look like some input.
+    The more slowly it varies, the fewer of its values are independent.
     """
     pairs, whole = rows[1:] & rows[:-1], float(np.sum(left[rows] ** 2))
     lasts = float(np.sum(left[1:][pairs] * left[:-1][pairs])) / max(whole, 1e-30)

@@ -1,4 +1,4 @@
-"""What named causes leave and motion predicts: learned by networks, its gain measured apart from theirs."""
+"""Networks that learn what named causes leave, as far as motion predicts it; their gain is measured apart."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ from bdnn_ros.diagnosis.telling.unexplained import describe
 from bdnn_ros.errors import listed
 
 BLOCKS = 10
-"""Blocks of time by which the strength of a network's ridge is chosen."""
+"""Blocks of time over which a network's ridge is cross-validated."""
 MOST_INPUTS = 5
-"""The strongest inputs that a joint's network sees: of more, hardly any motion shows all that they do together."""
+"""Most inputs of a joint's network: hardly any motion covers all combinations of more."""
 SURELY = 0.02
-"""Networks are kept that take this share at least off the error on held-out data, by the lower end of its interval."""
+"""Least relative reduction of the held-out error, at the lower end of its interval, of networks that are kept."""
 
 
 @dataclass(frozen=True)
 class Rest:
-    """What networks learned.
+    """Networks for what is unexplained, with their gain.
 
     Attributes:
         networks: fitted to all rows.
-        inputs: what each joint's depends on, as "joint.quantity".
-        gain: 1 - RMSE(with networks) / RMSE(extended model) of these joints on held-out blocks that had no say in them.
+        inputs: inputs of each joint's network, as "joint.quantity".
+        gain: 1 - RMSE(with networks) / RMSE(extended model) of these joints on blocks held out of the fit.
         interval: its bounds at 95 %.
     """
 
@@ -43,7 +43,7 @@ class Rest:
 
     @property
     def sentence(self) -> str:
-        """What is said of them."""
+        """The sentence that reports them."""
         low, high = (100.0 * end for end in self.interval)
         inputs = dict.fromkeys(key for keys in self.inputs.values() for key in keys)
         return (
@@ -55,7 +55,7 @@ class Rest:
 def with_rest(
     diagnosis: Diagnosis, case: Case, left: np.ndarray
 ) -> tuple[Diagnosis, tuple[RestNetwork, ...]]:
-    """A diagnosis with what is said of networks that learned what it leaves, and these; arguments as of `learned`."""
+    """A diagnosis extended by networks for what it leaves, and these; arguments as of `learned`."""
     rest = learned(case, left, diagnosis.above or diagnosis.slight)
     if rest is None:
         return diagnosis, ()
@@ -64,13 +64,13 @@ def with_rest(
 
 
 def learned(case: Case, left: np.ndarray, joints: Sequence[str]) -> Rest | None:
-    """Networks for what is left at some joints; None where nothing is surely learned.
+    """Networks for what is left at some joints; None if they surely gain nothing.
 
-    Which inputs they see, and by how much they gain, is asked of rows apart: those that were held out say only the latter.
+    Inputs and weights are chosen without the held-out rows, which measure the gain only.
 
     Args:
-        left: what all findings leave in all rows, (R, n) [N·m].
-        joints: where that is more than noise.
+        left: residual of all terms, fitted to all rows, (R, n) [N·m].
+        joints: those where it exceeds the noise.
     """
     equations, apart = case.equations, case.attempt.extended
     if not any(_known(case.remainder.inputs.get(joint, {})) for joint in joints):
@@ -99,17 +99,17 @@ def learned(case: Case, left: np.ndarray, joints: Sequence[str]) -> Rest | None:
 
 
 def _known(inputs: Mapping[str, float]) -> list[str]:
-    """Those of some inputs that a network may see, strongest first."""
+    """Those of some inputs that a network may use, strongest first."""
     seen = (key for key in inputs if key.rpartition(".")[2] in QUANTITIES)
     return sorted(seen, key=lambda key: -inputs[key])
 
 
 Made = Mapping[int, tuple[RestNetwork, np.ndarray]]
-"""A silent network of each of some joints, with its features as rows, (R, F)."""
+"""A network with zero weights for each of some joints, with its features as rows, (R, F)."""
 
 
 def _made(equations: Equations, wanted: Mapping[int, Sequence[str]]) -> Made:
-    """Networks of joints that see the inputs that are wanted for each; none without any."""
+    """Networks with zero weights for joints with wanted inputs, and their features."""
     motion = equations.motion
     given = motion.position, motion.velocity, motion.robot.gravity(motion.position)
     found = {}
@@ -122,7 +122,7 @@ def _made(equations: Equations, wanted: Mapping[int, Sequence[str]]) -> Made:
 
 
 def _taught(equations: Equations, left: np.ndarray, made: Made) -> tuple[RestNetwork, ...]:
-    """Networks by the rows that count of what is left, (R, n); none of joints where they would not help."""
+    """Networks fitted to a residual (R, n) in usable rows; none for joints where they would not help."""
     found = []
     for joint, (network, features) in made.items():
         rows = np.flatnonzero(equations.usable[:, joint])
@@ -145,7 +145,7 @@ def _sums(features: np.ndarray, left: np.ndarray, rows: np.ndarray) -> Sums:
 
 
 def _input(equations: Equations, given: Sequence[np.ndarray], key: str) -> Input:
-    """What a network sees, as this motion shows it.
+    """An input of a network, with its range and scale along this motion.
 
     Args:
         given: `QUANTITIES` along the motion, (N, n) each.

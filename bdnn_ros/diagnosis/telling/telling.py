@@ -1,4 +1,4 @@
-"""What is said of a diagnosis: which terms are findings, the verdict, the gain, and what is left."""
+"""Reporting a diagnosis: findings, verdict, gain, and what is unexplained."""
 
 from __future__ import annotations
 
@@ -45,19 +45,19 @@ from bdnn_ros.recording import Recording
 from bdnn_ros.signals.glitches import jumping, without_glitches
 
 MUCH_LEFT = 0.5
-"""What leaves this share of a joint's error says little of it: of a joint that moves now and then its causes may stand for
-what changes with time there, and a push that is constant would leave no more than noise."""
+"""Share of a joint's error that, if left, makes its causes doubtful: at a joint that moves now and then they may stand for
+changes with time, and a real constant push leaves only noise."""
 TOLD = 2.0
-"""What is so many times the noise floor is said to be left there, though too small a share of the effort to matter."""
+"""Ratio to the noise floor above which an error is mentioned, even if a small share of the effort."""
 GROWS = 1.02
-"""What is larger by no more than this factor may as well be the same."""
+"""Ratio of errors up to which they count as equal."""
 
 
 def told(case: Case, cutoff: float | None = None) -> Diagnosis:
-    """The diagnosis, its errors and its gain on rows that the search has not seen.
+    """The diagnosis, with errors and gain on held-out rows.
 
     Args:
-        cutoff: low-pass that was asked for [Hz].
+        cutoff: requested low-pass [Hz]; None for the usual one.
     """
     robot, equations, attempt, since = case.robot, case.equations, case.attempt, case.since
     near = case.near(case.extended)
@@ -66,7 +66,7 @@ def told(case: Case, cutoff: float | None = None) -> Diagnosis:
     names = named(robot, equations, attempt, case.found, doubts, case.at_ends | case.always)
     alike = _alike(case, names.findings)
     before = None if since is None else since.velocity_cutoff
-    # a filtered velocity is no cause of an effort's error, and says nothing of what else is one
+    # a filtered velocity is no cause of an effort's error
     causes, of_velocity = (
         sorted(some, key=lambda finding: -finding.share)
         for some in (tied(names.findings, alike), reported_velocity(case.recordings, cutoff, before))
@@ -82,7 +82,7 @@ def told(case: Case, cutoff: float | None = None) -> Diagnosis:
     of_effort = _verdict(causes, unclear, bool(near.all()) and not jumps, said)
     above = _above(robot.joints, near, case.left)
     slight = _above(robot.joints, ~near | (case.extended <= TOLD * case.floor), case.left)
-    # an earlier model that nothing surely betters is not blamed for what it leaves
+    # without a sure gain over an earlier model, what it leaves is no sign of a change
     poor = then(case, above) if since and of_effort == "cannot_tell" and interval[0] <= 0.0 else None
     return Diagnosis(
         source=_source(case.recordings, equations),
@@ -108,7 +108,7 @@ def told(case: Case, cutoff: float | None = None) -> Diagnosis:
 
 
 def _alike(case: Case, causes: Sequence[Finding]) -> Common | None:
-    """One factor of all that links are off by, where they are told: named, or as most of what the extended model mends."""
+    """One factor common to all link errors, if these are reported: named, or most of what the extended model improves."""
     named = sum(one.effect == LinkInertia.name for one in causes)
     told = case.by_links > (MOST if causes else SLIGHT)
     if case.since is not None or case.equations.alone is not None or not (told or named >= FEWEST):
@@ -117,12 +117,12 @@ def _alike(case: Case, causes: Sequence[Finding]) -> Common | None:
 
 
 def _settling(alike: Common | None, findings: Sequence[Finding]) -> list[str]:
-    """What settles whether links or the efforts' unit are wrong."""
+    """Advice on whether the links or the efforts' unit is wrong."""
     return [alike.said(SETTLED)] if alike is not None and untold(findings) else []
 
 
 def _advice(case: Case, names: Named, of_effort: Verdict) -> tuple[str, ...]:
-    """What to do about the terms that are large enough for a name, or where nothing can be told."""
+    """Advice on terms that are large enough for a name, or on what to record where nothing can be told."""
     told = advice(
         [case.found[one] for one in names.weighty],
         [case.attempt.judgements[one] for one in names.weighty],
@@ -145,10 +145,10 @@ def _notes(
     alike: Common | None,
     unseen: Sequence[str],
 ) -> tuple[str, ...]:
-    """What is said beside findings and a verdict, where the gain is `least` at least."""
+    """Notes beside findings and verdict; the gain is surely at least `least`."""
     robot, equations, since = case.robot, case.equations, bool(case.since)
     error = case.attempt.fitted.link_error
-    # what dry friction is named for may hold any effort at rest
+    # a named dry friction may hold any effort at rest
     at_rest = () if names.findings else case.remainder.resting
     silent, unknowns = (
         [(case.found[one], name_of(robot, case.found[one].term)) for one in some]
@@ -179,19 +179,19 @@ def _notes(
 
 
 def _unseen(case: Case, names: Named) -> list[str]:
-    """The notes on what is named that another cause which changed meanwhile may be."""
+    """Notes on findings that another cause which changed meanwhile may imitate."""
     told = (case.found[one] for one in names.weighty if one not in (*names.silent, *names.unknown))
     placed = [(one, name_of(case.robot, one.term), case.equations) for one in told]
     return [note for each in placed for note in (*endless(*each), *with_time(*each))]
 
 
 def _mended(case: Case, least: float) -> list[str]:
-    """What the extended model mends that has no name, `least` of the squared error for sure."""
+    """Notes on unnamed improvements by the extended model, surely at least `least` of the squared error."""
     return mended(least, case.by_links, case.by_lead, case.lead, case.equations.hold, bool(case.since))
 
 
 def _led(case: Case) -> list[str]:
-    """The note on a lead of the efforts that makes up most of what the extended model mends beside causes."""
+    """Note on a lead of the efforts that makes up most of the improvement."""
     if case.by_lead <= max(MOST * case.gained, SLIGHT):
         return []
     return leading(case.by_lead, case.lead, case.equations.hold, bool(case.since))
@@ -200,10 +200,10 @@ def _led(case: Case) -> list[str]:
 def _unfit(
     equations: Equations, simulation: np.ndarray, extended: np.ndarray, near: np.ndarray
 ) -> np.ndarray:
-    """Joints of which nothing is named, (n,) bool: what was found does not say what happens there.
+    """Joints at which nothing is named, (n,) bool, since the model of what was found is not valid there.
 
-    That is all of them where held-out errors grow above the noise, by share of each joint's effort or in all, and a
-    joint that moves now and then where much of its error is left: its causes may stand for a push or a drift.
+    All joints if held-out errors grow above the noise, relative to each joint's effort or in total; and a joint that moves now
+    and then with much of its error left, whose causes may stand for a push or drift.
 
     Args:
         simulation, extended: held-out errors of either model, (n,) [N·m].
@@ -212,36 +212,37 @@ def _unfit(
     scaled = (np.sum((error / equations.effort_scale) ** 2) for error in (simulation, extended))
     plain = (GROWS**2 * np.sum(simulation**2), np.sum(extended**2))
     seldom = equations.moving < least_motion(equations.motion.signals)
-    # what acted outside the held-out rows alone leaves them as they were, at the noise
+    # a cause outside the held-out rows leaves their error at the noise: no reason against it
     worse = any(after > before for before, after in (scaled, plain)) and not near.all()
     return np.asarray((seldom & _poor(simulation, extended, near)) | worse)
 
 
 def _poor(simulation: np.ndarray, extended: np.ndarray, near: np.ndarray) -> np.ndarray:
-    """Joints where much of the error is left above the noise, (n,) bool; see `_unfit`."""
+    """Joints with much error left above the noise, (n,) bool; see `_unfit`."""
     return np.asarray(~near & (extended > MUCH_LEFT * simulation))
 
 
 def _unclear(case: Case, names: Named, least: float) -> bool:
-    """Whether something may be wrong, though nothing is named.
+    """Whether something may be wrong though nothing is named.
 
     Args:
-        least: share of the squared error that the extended model surely mends.
+        least: share of the squared error that the extended model surely removes.
     """
     of_weight = case.equations.alone is not None and not case.near(case.simulation).all()
     unsure = names.doubtful or bool(names.unknown) or bool(case.always)
-    # what links are off by is believed in without a name; what has none and does more than that is not
+    # unnamed link errors are expected; other unnamed terms that remove more than these are not
     unsure |= min(names.beside_links, least) > max(SLIGHT, case.by_links)
     return unsure or case.far_off or of_weight or bool(case.remainder.resting)
 
 
 def _verdict(causes: Sequence[Finding], doubtful: bool, near: bool, said: bool) -> Verdict:
-    """That on the effort. Where something large is likely without being sure, nobody can say that nothing is wrong.
+    """Verdict on the effort; never "nothing wrong" if something large is likely without being sure.
 
     Args:
-        causes: findings that are of the effort.
-        near: whether the extended model's error is no more than the noise.
-        said: whether most of what the extended model mends is not without a name.
+        causes: findings of the effort.
+        doubtful: whether something may be wrong without a name; see `_unclear`.
+        near: whether the extended model's error is near the noise at all joints.
+        said: whether the findings tell enough of what the extended model removes, and none may be another cause.
     """
     if causes:
         return "explained" if near and said else "partly_explained"
@@ -249,7 +250,7 @@ def _verdict(causes: Sequence[Finding], doubtful: bool, near: bool, said: bool) 
 
 
 def _above(joints: Sequence[str], near: np.ndarray, left: np.ndarray) -> tuple[str, ...]:
-    """Where the extended model errs by more than the noise, most first, by what is left, (n,) [(N·m)²]."""
+    """Joints whose extended-model error exceeds the noise, in order of the remaining squared error, (n,) [(N·m)²]."""
     return tuple(joints[j] for j in np.argsort(-left, kind="stable") if not near[j])
 
 

@@ -1,4 +1,4 @@
-"""What the named effects leave: how much of it could still be predicted, and from what."""
+"""What the named effects leave unexplained, and how much of it is predictable from which inputs."""
 
 from __future__ import annotations
 
@@ -16,31 +16,30 @@ from bdnn_ros.diagnosis.telling.inputs import Key, ageing, names, pairs, single
 from bdnn_ros.diagnosis.telling.predicting import Predictor, by_chance
 
 WORTH = 0.1
-"""Inputs are named when they predict at least this share of what is left, on blocks that had no say in them."""
+"""Share of the residual that inputs must predict on held-out blocks to be named."""
 MATTERS = 0.02
-"""What single inputs leave of a joint's error matters beyond this share of its effort's spread."""
+"""Pairs of inputs are tried where single ones leave more than this share of the effort's spread."""
 GAUSSIAN = 1.4826
-"""Standard deviation of normal noise per median of its size."""
+"""Standard deviation of normal noise per median absolute value."""
 LARGE_ERROR = 0.4
-"""An error of the simulation, per spread of a joint's effort, that nobody would pass over."""
+"""Error, relative to the spread of a joint's effort, that nobody would overlook."""
 NOISE = 4.0
-"""Nor is an effort far from the simulation's that so many times what motion leaves would account for."""
+"""Multiple of the residual in motion that an error at rest must exceed as well."""
 UNEVEN = 1.5
-"""Noise is much the same throughout a recording: what is so many times as large as its median tells was not noise at its
-loudest."""
+"""Ratio to a robust estimate above which a residual comes in bursts, since noise is about even throughout a recording."""
 
 
 @dataclass(frozen=True)
 class Remainder:
-    """What is left after the extended model.
+    """The residual of the extended model.
 
     Attributes:
-        floor: per joint, RMS of what no input predicts on held-out blocks, where that comes in bursts what is left
-            between them, (n,) [N·m].
-        inputs: of joints where the rest is larger than the floor, what each "joint.input" predicts of it [(N·m)²].
-        predicted: per joint, what the inputs predict of the residual on held-out blocks, rows (R, n) [N·m].
-        bursts: joints where what no input predicts comes in bursts, more than the position's steps can make.
-        resting: joints that bear what nobody would pass over while they rest, where dry friction may hold anything.
+        floor: noise floor of each joint: RMS of what no input predicts on held-out blocks, between bursts if it comes in
+            such, (n,) [N·m].
+        inputs: for joints with a predictable residual, the mean square that each "joint.input" predicts [(N·m)²].
+        predicted: prediction of the residual on held-out blocks, rows (R, n) [N·m].
+        bursts: joints whose unpredictable residual comes in bursts larger than quantised positions can cause.
+        resting: joints with a large residual at rest, where dry friction may hold anything.
     """
 
     floor: np.ndarray
@@ -50,7 +49,7 @@ class Remainder:
     resting: tuple[str, ...] = ()
 
     def depends_on(self, joints: Sequence[str] = ()) -> dict[str, str]:
-        """What predicts the rest at some joints, or at all without any, strongest first, with the joint where it does most."""
+        """Inputs that predict the residual at some joints (all by default), strongest first, each with its main joint."""
         best: dict[str, tuple[float, str]] = {}
         for joint in joints or self.inputs:
             for key, much in self.inputs.get(joint, {}).items():
@@ -64,11 +63,11 @@ def describe(
     stepping: np.ndarray | float = 0.0,
     dry: np.ndarray | float = 0.0,
 ) -> Remainder:
-    """Regress a residual, rows (R, n) [N·m], on every joint's position, velocity, acceleration and load, on time, and on pairs.
+    """Regress a residual, rows (R, n) [N·m], on position, velocity, acceleration and load of joints, on time, and on pairs.
 
     Args:
-        stepping: what the steps in which the position is read may make of each joint, (n,) [N·m].
-        dry: what dry friction that is known may hold of each joint while it rests, (n,) [N·m].
+        stepping: apparent effort that quantised positions may cause at each joint, (n,) [N·m].
+        dry: known dry friction of each joint, which may hold it at rest, (n,) [N·m].
     """
     joints, groups = equations.motion.signals.joints, single(equations)
     predicted = np.zeros_like(residual)
@@ -95,9 +94,9 @@ def describe(
 def _told(
     equations: Equations, groups: Mapping[Key, np.ndarray], residual: np.ndarray, joint: int
 ) -> tuple[np.ndarray, dict[str, float]] | None:
-    """What inputs predict of a joint's residual (R,), and how much each does [(N·m)²]; None where that is not certain.
+    """Prediction of a joint's residual (R,) from inputs, and how much each explains [(N·m)²]; None if not certain.
 
-    Pairs of inputs are asked only where single ones leave what matters, and believed where they predict much of that.
+    Pairs of inputs are tried only where single ones leave much, and accepted if they explain much of that.
     """
     rows = equations.usable[:, joint]
     own = {**groups, **ageing(equations, joint)}
@@ -120,7 +119,7 @@ def _told(
 def _guess(
     equations: Equations, groups: Mapping[Key, np.ndarray], residual: np.ndarray, rows: np.ndarray
 ) -> tuple[np.ndarray, dict[Key, float]]:
-    """What groups predict of a residual (R,), and the shares that help; nothing where chance would do as much."""
+    """Prediction of a residual (R,) and the shares of groups that help; zero and none if chance would do as well."""
     guess, shares = Predictor(groups, residual, rows, equations.block).predicted()
     left = residual - guess
     before, after = float(np.sum(residual[rows] ** 2)), float(np.sum(left[rows] ** 2))
@@ -130,9 +129,9 @@ def _guess(
 
 
 def _borne_at_rest(equations: Equations, residual: np.ndarray, dry: np.ndarray | float) -> np.ndarray:
-    """Joints with a large residual, rows (R, n), throughout one period of the low-pass in which they rest, (n,) bool.
+    """Joints at rest with a large residual, rows (R, n), throughout a period of the low-pass, (n,) bool.
 
-    Beyond what dry friction that is known may hold, which is between both directions', and beyond the noise.
+    Large beyond known dry friction, which at rest may be anywhere between both directions', and beyond the noise.
     """
     signals, usable = equations.motion.signals, equations.ever_usable
     noise = np.array([rms(residual[rows, j]) if rows.any() else 0.0 for j, rows in enumerate(usable.T)])
@@ -145,9 +144,9 @@ def _borne_at_rest(equations: Equations, residual: np.ndarray, dry: np.ndarray |
 
 
 def _between_bursts(equations: Equations, left: np.ndarray, joint: int) -> float:
-    """Standard deviation of most of what is left of a joint (R,), whatever the rest does: of each recording by itself.
+    """Robust standard deviation of a joint's residual (R,), with the noise of each recording estimated apart.
 
-    One that was recorded elsewhere, or along a faster motion, may have more noise all through.
+    Another place or a faster motion may have more noise throughout.
     """
     signals, rows = equations.motion.signals, equations.usable[:, joint]
     whose = owners(equations.motion.time[equations.rows], signals.begun)[rows]

@@ -1,4 +1,4 @@
-"""Laws that go along with time, of recordings too short to look for what changes with time: that would do the same."""
+"""Laws that grow with time in recordings too short for drifts, which would do the same."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from bdnn_ros.diagnosis.regression.building import least_motion
 from bdnn_ros.diagnosis.regression.equations import Equations
 
 ALIKE = 0.9
-"""What a trend in time explains so much of the changes of goes along with time."""
+"""Squared correlation with time above which an effect grows with time."""
 GOES_ALONG = (
     "What is named at {where} grows with time as it does with the motion, which goes one way: a drift would do the same, and "
     "none is looked for in so short a recording. Move to and fro, and longer."
@@ -17,7 +17,7 @@ GOES_ALONG = (
 
 
 def with_time(estimate: Estimate, where: str, equations: Equations) -> list[str]:
-    """The note on what a joint's law does just as time goes on, where no drift was looked for; else none.
+    """The note on a law that grows with time where no drift was searched for; else none.
 
     Args:
         where: the name of its joint or link.
