@@ -100,7 +100,7 @@ class Diagnosis:
         above: joints whose extended-model error exceeds the noise, largest first; not in diagnosis.json, nor are the next three.
         slight: joints whose error exceeds twice the noise, though by too little to matter.
         also: "links", "stamps": corrections that are no findings but make up most of what the extended model improves.
-        endless: whether a push is named whose begin or end is not seen, so that it may be another cause.
+        endless: whether a push is named whose start or end is not seen, so that it may be another cause.
     """
 
     source: Mapping[str, Any]
@@ -122,8 +122,7 @@ class Diagnosis:
 
     @property
     def stays(self) -> bool:
-        """Whether the extended model is the reference (simulation or earlier model) unchanged, so that both have the same
-        error."""
+        """Whether the extended model is the reference (simulation or earlier model) unchanged: both have the same error."""
         return not self.findings and self.gain == 0.0 and self.gain_interval == (0.0, 0.0)
 
     def as_json(self) -> dict[str, Any]:

@@ -96,7 +96,7 @@ class Looks:
         return pushed
 
     def tilt(self) -> tuple[float, float] | None:
-        """Roll and pitch [rad] of the base if the first look finds it tilted, refitted to all rows; else None."""
+        """Roll and pitch [rad] of the base if the first look finds it tilted, with consistent load and bodies; else None."""
         found = self.at(TEST_PHASES[0]).found
         if not any(term.effect.on == "base" for term in found.terms):
             return None
@@ -229,7 +229,7 @@ def surprise(left: np.ndarray, sure: np.ndarray, test: np.ndarray, scale: np.nda
 
     Args:
         left: error, rows (R, n) [N·m].
-        sure: rows that count, (R, n) bool.
+        sure: usable rows, (R, n) bool.
         test: those that were held out, (R,) bool.
         scale: spread of each joint's effort, (n,) [N·m].
     """

@@ -271,7 +271,7 @@ def _weighed(
         beside = pool.gains(fit_both, rivals) - search.costs(pool, both, rivals)
         for c, gain, more in zip(rivals, instead, beside, strict=True):
             score = start + float(gain)
-            if score > own - CLOSE:  # gains let the other terms leave their bounds
+            if score > own - CLOSE:  # the gain ignores bounds of the other terms: score within them
                 score = search.score_beside(pool, base, c)
             more = 0.0 if contains(pool.terms[c], term) else max(float(more), 0.0)
             scores[c] = max(scores.get(c, -np.inf), score - more)

@@ -72,9 +72,7 @@ def concatenated(parts: list[Signals], recorded: Sequence[np.ndarray] | None = N
         segments=tuple(
             slice(s.start + k, s.stop + k) for p, k in zip(parts, rows, strict=True) for s in p.segments
         ),
-        raw_rate=min(
-            p.raw_rate for p in parts
-        ),  # by the slowest: what another's samples would tell besides is not counted on
+        raw_rate=min(p.raw_rate for p in parts),  # the slowest one's: no extra samples are counted on
         position_noise=np.max([p.position_noise for p in parts], axis=0),
         effort_noise=_largest([p.effort_noise for p in parts]),
         begun=tuple(float(part.time[0] + shift) for part, shift in zip(parts, moved, strict=True)),

@@ -60,7 +60,7 @@ class Lateness:
 
 
 def lateness(signals: Signals, robot: Robot) -> Lateness:
-    """Lateness of the efforts of a motion; none if small or not sure.
+    """Lateness of the efforts of a motion; none if it is small or not certain.
 
     Joints that stand still are ignored.
     """
@@ -132,8 +132,7 @@ def _refined(
     bends: Sequence[np.ndarray],
     speaking: np.ndarray,
 ) -> Lateness:
-    """The better of a delay near so many samples and a lag near a time constant [s], beside arbitrary bodies; none if not
-    clear.
+    """The better of a delay near so many samples and a lag near one [s], beside arbitrary bodies; none if not clear.
 
     Friction may reverse early, as in sticking (its direction's rate is a column), or late, as in pre-sliding.
 

@@ -48,7 +48,7 @@ TINY = 1e-30
 HARDLY, LITTLE = 0.01, 0.05
 """Share of a filter's kernel allowed beyond a segment's ends: to tell low-passes apart, and to compare motion."""
 COMPARED = 0.7
-"""Cut-off behind which motion and effort are compared, relative to the edge of the restored low-pass."""
+"""Highest cut-off behind which motion and effort are compared, relative to the edge of the restored low-pass."""
 
 
 @dataclass(frozen=True)

@@ -161,8 +161,7 @@ def _usable(signals: Signals, resting: np.ndarray, rows: np.ndarray) -> np.ndarr
 def _errors(
     robot: Robot, left_open: LeftOpen | None, load: np.ndarray | None
 ) -> tuple[np.ndarray, np.ndarray | None, Learned | None]:
-    """Maps from independent errors to parameters of links and, where identified, of joints and their residuals; see
-    `Equations`."""
+    """Maps from independent errors to parameters of links and, where identified, of joints; see `Equations`."""
     if left_open is None:
         return relative_inertials(robot), None, None
     links = robot.width * PER_LINK

@@ -132,8 +132,8 @@ def gain_of(
 ) -> tuple[float, tuple[float, float]]:
     """1 - RMSE(extended) / RMSE(simulation) on held-out blocks, with a block-bootstrap 95 % interval.
 
-    Blocks are drawn for each joint from those in which it moves, with and without a push apart. Otherwise, where joints move
-    one after another, most draws would lack the one that errs.
+    Blocks are drawn for each joint from those in which it moves, separately with and without a push. Otherwise, where joints
+    move one after another, most draws would lack the one that errs.
 
     Args:
         pushed: rows at which something pushes, (R,) bool; None for none.

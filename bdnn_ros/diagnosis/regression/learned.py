@@ -59,8 +59,7 @@ class Learned:
         return equations.reduced(added, borne=False)
 
     def straight(self, equations: Equations) -> tuple[np.ndarray, np.ndarray]:
-        """Best straight description of each weight along a motion, (W, 3), and projections onto what the motion shows, (n, 3,
-        3).
+        """Best straight description of each weight along a motion, (W, 3), and projections onto what it shows, (n, 3, 3).
 
         As in identification, only fast rows count, since dry friction is undetermined where a joint reverses.
         """

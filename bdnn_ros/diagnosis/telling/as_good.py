@@ -59,5 +59,5 @@ def at_most(equations: Equations, fitted: Pool, one: int, rival: Term) -> float 
     share = excess + SHOWN * std
     settled = (
         share < MINIMUM_SHARE or excess <= SHOWN * std
-    )  # else there is something, and more of it may be seen elsewhere
+    )  # else an excess seems to be there, and another motion may show more of it
     return share if settled and CLEAR * std < TYPICAL_SHARE else None

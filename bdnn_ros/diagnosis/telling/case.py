@@ -25,8 +25,7 @@ EXPLAINED = 1.3
 """Largest ratio of the extended model's error to the noise floor at which the recording is explained."""
 
 LOUD, MORE_THAN_NOISE = 0.1, 5.0
-"""A noise floor above this share of the effort's spread and this many times its fast noise is no sensor noise; see
-`Case.floor`."""
+"""A floor above this share of the effort's spread and this many times its fast noise is no sensor noise; see `Case.floor`."""
 
 
 @dataclass(frozen=True)
@@ -66,8 +65,7 @@ class Case:
     def floor(self) -> np.ndarray:
         """Noise floor of each joint, at most the extended model's error, (n,) [N·m].
 
-        A large unpredictable residual is not noise where the effort's own fast noise is far smaller: something unpredictable
-        acts.
+        A large unpredictable residual is no noise where the effort's own fast noise is far smaller: something else acts.
         """
         floor, own = np.maximum(self.remainder.floor, 0.0), self._own_noise
         loud = (floor > LOUD * self.equations.effort_scale) & (floor > MORE_THAN_NOISE * own)

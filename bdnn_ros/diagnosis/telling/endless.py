@@ -1,4 +1,4 @@
-"""Pushes whose begin or end is not seen, and which another cause that changed meanwhile may imitate."""
+"""Pushes whose start or end is not seen, and which another cause that changed meanwhile may imitate."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ ONE_BY_ONE = (
 
 
 def endless(estimate: Estimate, where: str, equations: Equations) -> list[str]:
-    """The note on a push whose begin or end no recording shows and that is no load; else none.
+    """The note on a push whose start or end no recording shows and that is no load; else none.
 
     A load that is put down was there from the start, one that is taken up may stay to the end: both pull as a weight does.
 

@@ -52,7 +52,7 @@ def unexplained_sentence(
     left = f"{much.capitalize()} of the {reference}'s squared error is left above the noise{where}"
     if poor is not None and above:
         left = POOR.format(then=poor, much=much, where=where)
-    if not named and not above:  # all of a small error may well be left
+    if not named and not above:  # without a finding, all of a small error may remain
         left = "What is left is hardly more than noise"
         if slight:
             left = f"What is left is small, but more than twice the noise at {listed(slight)}"
@@ -85,7 +85,7 @@ def mostly_at(case: Case, least: float) -> list[str]:
     """The note on the joint, and kind of correction, with most of the improvement on an earlier model; none if there is none.
 
     Args:
-        least: share of the squared error that the extended model surely mends.
+        least: share of the squared error that the extended model surely removes.
     """
     equations, fitted = case.equations, case.attempt.fitted
     learned, jointwise = equations.learned, equations.jointwise

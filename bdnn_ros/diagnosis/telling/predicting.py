@@ -24,9 +24,9 @@ class Predictor(Generic[K]):
 
     Args:
         groups: inputs by name, (R, k) each.
-        value: (R,).
-        rows: those that count, (R,) bool.
-        block: of each row, (R,) int.
+        value: the value to predict, (R,).
+        rows: usable rows, (R,) bool.
+        block: block of time of each row, (R,) int.
     """
 
     def __init__(
