@@ -22,7 +22,7 @@ from bdnn_ros.effects.motion import Motion
 EVERY_TEST_BLOCK = 5
 """One block in so many is held out of the search and of the fit that the gain is measured with."""
 TEST_PHASES = (2, 4)
-"""Which of every five blocks is held out; the second choice is tried if the first holds something seen nowhere else."""
+"""Which of every five blocks is held out; the second is tried where the first holds something seen nowhere else."""
 SURPRISING = 2.0
 """Ratio of the error in held-out rows to that in the others above which other blocks are held out."""
 AROUND = 0.3
@@ -172,9 +172,9 @@ def attempted(search: Search, first: Selection, whole: np.ndarray, test: np.ndar
 
 
 def completed(equations: Equations, attempt: Attempt) -> Attempt:
-    """The attempt with the middle part of effects that act outside the test rows only added to these, predicted without it.
+    """Add the middle fifth of each brief effect that acts outside the test rows only to these, predicted by a fit without it.
 
-    Otherwise the error would be that of a recording without such an effect. A fifth of its rows is tested, as of all others.
+    Otherwise the held-out error would be that of a recording without such an effect.
     """
     fitted, test, counted = attempt.fitted, attempt.test.copy(), equations.usable
     removals = removed(equations, fitted, attempt.extended, counted & test[:, None])

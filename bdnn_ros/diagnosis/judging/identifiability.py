@@ -147,7 +147,7 @@ def weighed(search: Search, selection: Selection, judgements: Sequence[Judgement
 
 
 def folded(selection: Selection, judgements: Sequence[Judgement]) -> list[Judgement]:
-    """Judgements with the probability of rivals that only negligibly exceed a finding added to that finding's."""
+    """Judgements in which rivals that exceed a finding only negligibly count for that finding."""
     result = []
     for one, judgement in zip(selection.chosen, judgements, strict=True):
         term, own = selection.pool.terms[one], judgement.probability

@@ -29,7 +29,7 @@ ABOUT = 0.1
 CLEAR = 3.0
 """Distance from zero that a name needs, in standard deviations: true causes lie beyond, mistaken ones often do not."""
 PAID = math.sqrt(2.0 * COST)
-"""The same for rare kinds: half its square is the prior cost, so that the evidence of these rows pays it, too."""
+"""The same for kinds neither common nor of bodies: half its square is the prior cost, to be paid in these rows, too."""
 MORE = 0.01
 """Least excess of a law over the one it settles into, relative to its coefficients; with less it is that one."""
 DOUBTED = 2.0

@@ -13,8 +13,7 @@ LIGHTEST = 1e-300
 
 
 def of_bodies(signals: Signals, robot: Robot) -> np.ndarray:
-    """Columns of errors of links, of gravity's direction and of joint zeros, and of damping in proportion to mass, (N, n, 11 n
-    + 5)."""
+    """Columns of errors of links, gravity's direction and zeros, and of mass-proportional damping, (N, n, 11 n + 5)."""
     q, v, a = signals.position, signals.velocity, signals.acceleration
     pulls = [replace(robot, gravity_vector=axis).gravity(q) for axis in np.eye(3)]
     zeros = robot.effort_derivatives(q, v, a)[0]

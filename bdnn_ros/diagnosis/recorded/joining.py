@@ -98,7 +98,7 @@ def starts(times: Sequence[np.ndarray]) -> list[float]:
 
 
 def owners(time: np.ndarray, begun: Sequence[float]) -> np.ndarray:
-    """Index of the recording that each stamp (N,) belongs to, by the times at which they began, (N,) int; all one without any."""
+    """Number of the recording that each stamp (N,) belongs to, (N,) int, given their start times; all the same if none."""
     return np.searchsorted(np.asarray(begun, float), time, side="right")
 
 

@@ -46,7 +46,7 @@ class Lateness:
     """Lateness of all efforts.
 
     Attributes:
-        delay: of their stamps after they acted [s].
+        delay: by which they were stamped after they acted [s].
         lag: time constant of a first-order low-pass (exponential smoothing) that they had passed instead [s].
     """
 

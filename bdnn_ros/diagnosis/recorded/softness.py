@@ -2,8 +2,8 @@
 
 Steps of dry friction are then softer than the motion implies, which passes for hysteresis, delay, viscous or Stribeck
 friction; inertial efforts no longer match the motion either, being nonlinear in it. The low-pass is identified from the
-efforts, undone where it lets through, and every sharp term is softened by what is left of it. Pre-sliding friction is soft,
-too, but by the way that a joint has moved, not by time.
+efforts and inverted where it passes any signal; every sharp term is softened by what is left of it. Pre-sliding friction is
+soft, too, but by distance, not by time.
 """
 
 from __future__ import annotations
@@ -176,7 +176,7 @@ def _untouched(signals: Signals, response: Response, share: float) -> np.ndarray
 
 
 def softened(signals: Signals, own: Softness) -> Signals:
-    """The signals with the low-pass undone where it lets through, to be compared behind no higher a cut-off than remains."""
+    """The signals with the low-pass inverted where it passes any signal, compared behind no higher a cut-off than remains."""
     restored, restoring = Restored(own.lowpass), Restoring(own.lowpass)
     response = restoring if own.motion else restored
     reported = signals.reported_velocity

@@ -297,7 +297,7 @@ class Equations:
     def whiten(
         self, values: np.ndarray, noise: Noise, joints: np.ndarray | slice = ALL, rows: slice = ALL
     ) -> np.ndarray:
-        """Values (R, n, ...) of some joints in units of their noise; zero in unusable rows, and before the first row given."""
+        """Values (R, n, ...) of some joints in units of their noise, as if zero before the first row; zero in unusable rows."""
         if self._whitening is None or self._whitening[0] is not noise:
             self._whitening = noise, noise.whitening(*self._past(noise.order))
         return whitened(values, *(each[rows][:, joints] for each in self._whitening[1]))

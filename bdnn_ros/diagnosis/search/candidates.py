@@ -62,9 +62,9 @@ class Candidates:
     def shown_by(cls, equations: Equations, since: Sequence[Installed] | None = None) -> Candidates:
         """Candidates that a recording can tell apart.
 
-        Without those of bodies if only one joint moves. Without those that change with time or wind with position at joints
-        that move briefly: what differs between a few moves may differ by time or by place. Without those that no shape shows
-        along this motion.
+        Without those of bodies if only one joint moves. Without those that change with time, or periodically with position, at
+        joints that move briefly: what differs between a few moves may differ by time or by place. Without those that no shape
+        shows along this motion.
 
         Args:
             since: effects that an earlier model has beside its robot, if one takes the simulation's place; candidates are

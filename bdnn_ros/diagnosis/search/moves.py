@@ -46,7 +46,8 @@ class Moves:
     def descend(self, pool: Pool, chosen: list[int], least: float) -> tuple[Pool, list[int]]:
         """Add, replace and drop terms until nothing changes; only one pass if weak terms have to wait.
 
-        Wrong terms are replaced first: terms added to make up for them would keep them in.
+        Wrong terms are replaced first: terms added to make up for them would keep them in. An unchanged set is not tried
+        again.
         """
         given, chosen = chosen, self._replace(pool, chosen)
         for _ in range(1 if least else MOST_ROUNDS):

@@ -140,8 +140,8 @@ class Search(Moves):
     def _without(self, selection: Selection, now: Pool) -> Pool | None:
         """The terms but one that the others need only in the shapes found beside it; None if each is needed.
 
-        A soft gear bends with the load of all terms, and shapes found beside a wrong term keep it in. A soft gear itself may
-        only seem to pay at the noise without it, so it has to pay at its own.
+        A soft gear bends with the load of all terms, and shapes found beside a wrong term keep it in. A soft gear may itself
+        be kept only for reducing the noise: with and without it, each set is scored at its own noise.
         """
         pool, chosen, likely = selection.pool, selection.chosen, []
         for one in chosen:
