@@ -245,6 +245,19 @@ def test_a_spring_across_a_joint_that_stays_at_zero_may_be_as_usual(path):
     np.testing.assert_array_equal(get("joint_spring").spread(np.array([5.0, 6.0]), held, 1), [5.0, 6.0])
 
 
+def test_a_push_is_believed_to_be_no_stronger_than_the_robot_is_heavy(path):
+    """Where a force passes by the only axis it acts on, a thousand newtons of it are no push."""
+    usual = np.array([1e5, 1e5, 3.0, 40.0, 40.0, 40.0])
+    mass = path.robot.inertials[:, 0].sum()
+
+    def spread(kilograms: float) -> np.ndarray:
+        weighing = replace(path, robot=path.robot.with_inertials(kilograms / mass * path.robot.inertials))
+        return get("external_wrench").spread(usual, weighing, 1)
+
+    np.testing.assert_allclose(spread(1.0), [100.0, 100.0, 3.0, 40.0, 40.0, 40.0])
+    np.testing.assert_allclose(spread(20.0), [196.2, 196.2, 3.0, 40.0, 40.0, 40.0], rtol=1e-3)
+
+
 @pytest.mark.parametrize("std, shown", [(0.2, True), (0.7, False)])
 def test_a_payload_is_shown_by_a_mass_that_is_surely_there(std, shown):
     """What turns a link's inertia alone is a rotor as well."""

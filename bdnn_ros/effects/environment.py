@@ -23,6 +23,8 @@ SHORTEST = 0.3
 """A push lasts so long [s]: what is shorter, no low-pass leaves much of."""
 MOST_APART = 100.0
 """Parts of a wrench are of like size: what hardly acts is believed to be so many times as large as what acts most, no more."""
+STRONG = 100.0
+"""A force is believed to be no larger than this [N] or than what the robot weighs."""
 SAME_POINT = 0.005
 """Points nearer to each other are one [m]."""
 EDGES = ("start", "end")
@@ -109,7 +111,10 @@ class ExternalWrench(Push):
         return np.asarray(np.linalg.norm(unit, axis=0) / np.linalg.norm(usual, axis=0))
 
     def spread(self, typical: np.ndarray, motion: Motion, target: int) -> np.ndarray:
-        return np.minimum(typical, MOST_APART * typical.min())
+        spread, robot = np.minimum(typical, MOST_APART * typical.min()), motion.robot
+        weight = float(robot.inertials[:, 0].sum() * np.linalg.norm(robot.gravity_vector))
+        spread[: len(FORCE)] = np.minimum(spread[: len(FORCE)], max(STRONG, weight))
+        return spread
 
     def displaced(self, force: np.ndarray) -> np.ndarray:
         """As `mixing`, of what each metre of the point along the link's axes adds under a force (3,) [N], (K, 3)."""
