@@ -45,6 +45,7 @@ class EffortOffset(Effect):
     title = "an effort offset"
     on = "joint"
     parameters = (Parameter("offset", "N*m", plausible=(-0.4, 0.4), of_effort=True),)
+    linear = ("offset",)
     equation = "-offset (effort that acts = measured + offset)"
     confused_with = ("joint_spring", "asymmetric_friction", "base_tilt", "external_wrench")
     shown_by = "poses whose gravity has both signs, and both directions of motion"
@@ -58,12 +59,6 @@ class EffortOffset(Effect):
 
     def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
         return motion.joint_column(target, -np.ones(len(motion.time)))
-
-    def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
-        return {"offset": float(coefficients[0])}
-
-    def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
-        return np.array([values["offset"]]), {}
 
     def sentence(self, where: str, values: Values) -> str:
         if not self.before:

@@ -43,6 +43,7 @@ class Backlash(Effect):
         Parameter("gap", "rad", 0.0, 0.5, plausible=(0.002, 0.03)),
         Parameter("crossing", "rad", 0.0, CROSSINGS[1], plausible=(0.002, 0.03), default="gap"),
     )
+    linear = ("gap",)
     equation = "rigid effort of (q - gap / 2 * side(q, link load)) minus rigid effort of q, side from -1 to 1"
     confused_with = ("joint_elasticity", "position_offset", "coulomb_friction", "hysteresis")
     shown_by = "motion in which the load of the joint changes its sign often, in poses of small gravity load"
@@ -63,12 +64,6 @@ class Backlash(Effect):
 
     def shapes(self, motion: Motion, target: int, link: str | None = None) -> list[dict[str, float]]:
         return [{"crossing": crossing} for crossing in TRIED]
-
-    def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
-        return {"gap": float(coefficients[0]), "crossing": float(shape["crossing"])}
-
-    def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
-        return np.array([values["gap"]]), {"crossing": values["crossing"]}
 
     def shown(self, values: Values, stds: Values, most: float = math.inf) -> bool:
         # a gap as long as any that is tried would rather be longer, and never be crossed

@@ -1,4 +1,4 @@
-"""What every effect says of itself, and how it enters the measured effort."""
+"""What every effect can do: act in a simulation, and explain a measured effort."""
 
 from __future__ import annotations
 
@@ -6,66 +6,28 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass
 from types import MappingProxyType
-from typing import ClassVar, Literal
+from typing import Literal
 
 import numpy as np
 
+from bdnn_ros.effects.declaration import Declaration, Parameter, Values, Where
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.plant import Plant
 from bdnn_ros.robot import Robot
-from bdnn_ros.robot.units import along, printed, shown_as
+from bdnn_ros.robot.units import printed, shown_as
 
-Where = Literal["joint", "link", "base", "all"]
+__all__ = ["NONE_HELD", "SHOWN", "Change", "Effect", "Held", "Parameter", "Values", "Where"]
+
 Change = Literal["more", "less", "both"]
-Values = Mapping[str, float]
-"""Parameter values by name, in the units of the contract."""
 Held = Mapping[str, Sequence[Values]]
 """What an earlier model has at a place beside its robot: the values of each effect there, by the effect's name."""
 NONE_HELD: Held = MappingProxyType({})
 SHOWN = 2.0
 """So many standard deviations from nothing is what a recording shows."""
-UNSEEN = 5.0
-"""A standard deviation of so many times what is met in practice says nothing."""
 
 
-@dataclass(frozen=True)
-class Parameter:
-    """One number of an effect.
-
-    Attributes:
-        name, unit: as in the contract; the unit is that of a joint that turns.
-        lower, upper: what is physically possible.
-        plausible: magnitudes met in practice, (low, high); the simulation draws from it.
-        of_effort: the plausible range is a share of the joint's typical effort instead of absolute.
-        believed: what is known of it beforehand: a standard deviation as large says nothing, unless of twice as much.
-    """
-
-    name: str
-    unit: str
-    lower: float = -np.inf
-    upper: float = np.inf
-    plausible: tuple[float, float] = (0.0, 1.0)
-    of_effort: bool = False
-    believed: float = np.inf
-    phase: bool = False
-    """An angle on any joint."""
-    default: float | str | None = None
-    """Taken where a specification leaves the parameter out, the name of another takes its value; None where it must be given."""
-
-    def unit_at(self, slides: bool) -> str:
-        """Its unit on a joint that turns, or `slides`."""
-        return self.unit if self.phase else along(self.unit, slides)
-
-    def seen(self, value: float, std: float) -> bool:
-        """Whether a recording says anything of it: that a force is below a hundred kilonewtons is nothing."""
-        usual = 0.0 if self.of_effort else max(map(abs, self.plausible))
-        limit = max(UNSEEN * usual, abs(value)) if usual else np.inf
-        return bool(std < min(max(self.believed, abs(value) / 2.0), limit))
-
-
-class Effect(ABC):
+class Effect(Declaration, ABC):
     """One physical cause a simulation may leave out.
 
     The measured effort is modelled as `rigid effort of the URDF + sum of columns · coefficients`.
@@ -73,73 +35,6 @@ class Effect(ABC):
     the `shape`, tried on a grid and then refined. `target` is the index of the joint (or of the joint that
     moves the link), -1 where the effect acts on the base or on all joints.
     """
-
-    name: ClassVar[str]
-    variant: ClassVar[str] = ""
-    """Tells classes of one name apart: what drifts, or whether a wrench acts on a joint or a link."""
-    title: ClassVar[str]
-    """What a sentence calls it: "Coulomb friction"."""
-    on: ClassVar[Where]
-    also_on: ClassVar[tuple[Where, ...]] = ()
-    """Where else it may act: a delay on one joint, though it is usually one for all."""
-    parameters: ClassVar[tuple[Parameter, ...]]
-    slides: bool = False
-    """Whether it acts along a joint's axis, and has units of that; see `at`."""
-    equation: ClassVar[str]
-    """Contribution to the resisting effort, with the contract's names."""
-    confused_with: ClassVar[tuple[str, ...]]
-    shown_by: ClassVar[str]
-    """The motion that brings it out."""
-    source: ClassVar[str]
-    coefficient_bounds: ClassVar[tuple[tuple[float, float], ...]]
-    """Lower and upper bound of each linear coefficient."""
-    coefficient_spread: ClassVar[float] = math.inf
-    """Coefficients are rarely larger, whatever the effort; most scale with it."""
-    idealised: ClassVar[float] = 0.01
-    idealised_shapes: ClassVar[frozenset[str]] = frozenset()
-    """No law is exact: so much of each coefficient, and of these shapes, is added to its deviation, whatever the noise."""
-    contains: ClassVar[tuple[str, ...]] = ()
-    """Effects at the same place whose columns are a special case of this one's: this one replaces them."""
-    without: ClassVar[tuple[str, ...]] = ()
-    """Effects that are not looked for beside it at the same place: they would mend what its law leaves."""
-    settles_into: ClassVar[str | None] = None
-    """What becomes of it where the motion lacks the moments that tell it: a gap that is never crossed is an offset."""
-    excess: ClassVar[np.ndarray | None] = None
-    """What of its coefficients it says beyond what it settles into: weights (k,) whose sum is nothing where it says no more."""
-    of_load: ClassVar[bool] = False
-    """Its columns are made from the load, so a better estimate of the load changes them."""
-    of_bodies: ClassVar[bool] = False
-    """Its columns are made from the robot's bodies, so a better estimate of them changes them."""
-    on_body: ClassVar[bool] = False
-    """It is a body or changes one: all joints before it carry it."""
-    at_sensor: ClassVar[bool] = False
-    """It changes what is measured of the effort, not the effort that acts: no joint carries it."""
-    in_drive: ClassVar[bool] = False
-    """It takes its effort before the gear, so that the gear does not carry it."""
-    brief: ClassVar[bool] = False
-    """It acts for moments: its share of a whole recording says little of it."""
-    changing: ClassVar[bool] = False
-    """What it does changes with time, not with the motion alone."""
-    constant: ClassVar[bool] = False
-    """It hardly changes: how far a joint's effort goes up and down says nothing of its size, how large that effort is does."""
-    winding: ClassVar[bool] = False
-    """What it does goes up and down with the position, as what changes with time may where a joint is seldom at a place."""
-    timed: ClassVar[bool] = False
-    """It acts between two times that only the data tell: its `start` and `end`."""
-    parts: ClassVar[tuple[str, ...]] = ()
-    """Parameters of which a motion may show some without the others; a sentence is given NaN for what is not shown."""
-    once: ClassVar[bool] = False
-    """It says how something is, not what is added: two of it at one place contradict each other."""
-    kinematic: ClassVar[bool] = False
-    """It shows in the reported velocity, not in the effort."""
-    may_be_gone: bool = False
-    """Whether there may be nothing at all of what the robot is described with: a tag in a URDF is often a guess."""
-    before: tuple[float, ...] = ()
-    """How much of each coefficient there is already, in a description or an earlier model; empty for nothing."""
-    kept: Values | None = None
-    """The only shape there is, where the effect is a change of what an earlier model has in that shape."""
-    shape_bounds: ClassVar[Mapping[str, tuple[float, float]]] = MappingProxyType({})
-    """Range of each shape parameter that a search may refine; a shape parameter not named here is given."""
 
     def with_defaults(self, given: Values) -> dict[str, float]:
         """Values with the defaults of those that were left out; what has none may be missing."""
@@ -184,13 +79,15 @@ class Effect(ABC):
         """Shapes to try first; one empty shape where every parameter is linear."""
         return [{}]
 
-    @abstractmethod
     def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
-        """Parameters of the contract from linear coefficients (k,) and shape."""
+        """Parameters of the contract from linear coefficients (k,) and shape; to be written where `linear` is empty."""
+        every = {**shape, **dict(zip(self.linear, coefficients, strict=True))}
+        return {parameter.name: float(every[parameter.name]) for parameter in self.parameters}
 
-    @abstractmethod
     def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
         """Linear coefficients (k,) and shape from the contract's parameters: the inverse of `values`."""
+        shape = [parameter.name for parameter in self.parameters if parameter.name not in self.linear]
+        return np.array([values[name] for name in self.linear]), {name: values[name] for name in shape}
 
     def believable(self, coefficients: np.ndarray, std: np.ndarray | None = None) -> bool:
         """Whether fitted coefficients (k,), each inside its bounds, can be such an effect together.

@@ -50,6 +50,7 @@ class Hysteresis(Effect):
         Parameter("force", "N*m", 0.0, plausible=(0.05, 0.4), of_effort=True),
         Parameter("breakaway", "rad", 1e-4, 0.5, plausible=(0.01, 0.1)),
     )
+    linear = ("force",)
     equation = "F with dF/dq = (force / breakaway) * (1 - sign(qd) * F / force)"
     confused_with = ("coulomb_friction", "joint_elasticity", "backlash", "stribeck_friction")
     shown_by = "many small reversals, of about the breakaway distance, beside large ones"
@@ -87,9 +88,3 @@ class Hysteresis(Effect):
 
     def shapes(self, motion: Motion, target: int, link: str | None = None) -> list[dict[str, float]]:
         return [{"breakaway": float(b)} for b in np.geomspace(0.005, 0.12, 5)]
-
-    def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
-        return {"force": float(coefficients[0]), "breakaway": float(shape["breakaway"])}
-
-    def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
-        return np.array([values["force"]]), {"breakaway": values["breakaway"]}

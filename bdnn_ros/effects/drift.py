@@ -26,6 +26,7 @@ class Drift(Effect):
     on = "joint"
     of: ClassVar[Effect]
     """What it is while it does not change."""
+    linear = ("start_value", "end_value")
     changing = True
     excess = np.array((-1.0, 1.0))
     shown_by = "the same motion early and late in a long recording"
@@ -36,18 +37,6 @@ class Drift(Effect):
 
     def shapes(self, motion: Motion, target: int, link: str | None = None) -> list[dict[str, float]]:
         return [{"start": float(motion.time[0]), "end": float(motion.time[-1])}]
-
-    def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
-        return {
-            "start_value": float(coefficients[0]),
-            "end_value": float(coefficients[1]),
-            "start": float(shape["start"]),
-            "end": float(shape["end"]),
-        }
-
-    def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
-        shape = {key: values[key] for key in ("start", "end")}
-        return np.array([values["start_value"], values["end_value"]]), shape
 
     def had(self, robot: Robot, target: int) -> float:
         return self.of.had(robot, target)

@@ -76,6 +76,7 @@ class ExternalWrench(Push):
         *(Parameter(c, "N*m", plausible=(-1.0, 1.0), default=0.0) for c in TORQUE),
         *(Parameter(c, "m", -1.0, 1.0, plausible=(0.0, 0.0), default=0.0) for c in POINT),
     )
+    linear = COMPONENTS
     equation = "-J_point(q)' * (force, torque) where start <= t < end"
     confused_with = ("payload", "effort_offset", "drift")
     parts = COMPONENTS
@@ -126,16 +127,6 @@ class ExternalWrench(Push):
         places = [np.zeros(3)] + [centre] * bool(np.linalg.norm(centre) > SAME_POINT)
         return [dict(zip(POINT, place.tolist(), strict=True)) for place in places]
 
-    def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
-        components = dict(zip(COMPONENTS, (float(c) for c in coefficients), strict=True))
-        shape = {key: float(shape[key]) for key in ("start", "end", *POINT)}
-        return {"start": shape.pop("start"), "end": shape.pop("end"), **components, **shape}
-
-    def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
-        return np.array([values[c] for c in COMPONENTS]), {
-            key: values[key] for key in ("start", "end", *POINT)
-        }
-
     def shown(self, values: Values, stds: Values, most: float = math.inf) -> bool:
         return any(abs(values[c]) > SHOWN * stds[c] for c in COMPONENTS)
 
@@ -155,6 +146,7 @@ class ExternalTorque(Push):
     title = "an external torque"
     on = "joint"
     parameters = (*WINDOW, Parameter("torque", "N*m", plausible=(-0.5, 0.5), of_effort=True))
+    linear = ("torque",)
     equation = "-torque where start <= t < end"
     confused_with = ("payload", "effort_offset", "drift")
     coefficient_bounds = ((-np.inf, np.inf),)
@@ -173,12 +165,6 @@ class ExternalTorque(Push):
 
     def shapes(self, motion: Motion, target: int, link: str | None = None) -> list[dict[str, float]]:
         return windows(motion)
-
-    def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
-        return {"start": float(shape["start"]), "end": float(shape["end"]), "torque": float(coefficients[0])}
-
-    def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
-        return np.array([values["torque"]]), {key: values[key] for key in ("start", "end")}
 
     def sentence(self, where: str, values: Values) -> str:
         verb = "pushes" if self.slides else "turns"

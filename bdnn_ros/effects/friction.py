@@ -54,6 +54,7 @@ class CoulombFriction(DryFriction):
     name = "coulomb_friction"
     title = "Coulomb friction"
     parameters = (Parameter("coulomb", "N*m", 0.0, plausible=(0.05, 0.4), of_effort=True),)
+    linear = ("coulomb",)
     equation = "coulomb * sign(qd)"
     confused_with = ("asymmetric_friction", "stribeck_friction", "hysteresis", "viscous_friction", "backlash")
     shown_by = "reversals at several speeds, some of them slow"
@@ -67,12 +68,6 @@ class CoulombFriction(DryFriction):
     def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
         return motion.sharp_column(target, motion.direction[:, target])
 
-    def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
-        return {"coulomb": float(coefficients[0])}
-
-    def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
-        return np.array([values["coulomb"]]), {}
-
 
 class ViscousFriction(Effect):
     """Friction in proportion to the velocity."""
@@ -82,6 +77,7 @@ class ViscousFriction(Effect):
     on = "joint"
     in_drive = True
     parameters = (Parameter("viscous", "N*m*s/rad", 0.0, plausible=(0.05, 0.5), of_effort=True),)
+    linear = ("viscous",)
     equation = "viscous * qd"
     confused_with = ("quadratic_drag", "coulomb_friction", "effort_delay")
     shown_by = "constant velocities over the whole range of speed, slow and fast"
@@ -95,12 +91,6 @@ class ViscousFriction(Effect):
 
     def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
         return motion.joint_column(target, motion.velocity[:, target])
-
-    def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
-        return {"viscous": float(coefficients[0])}
-
-    def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
-        return np.array([values["viscous"]]), {}
 
     def had(self, robot: Robot, target: int) -> float:
         return float(robot.viscous[target])
@@ -177,6 +167,7 @@ class AsymmetricFriction(DryFriction):
         Parameter("positive", "N*m", 0.0, plausible=(0.05, 0.4), of_effort=True),
         Parameter("negative", "N*m", 0.0, plausible=(0.0, 0.4), of_effort=True),
     )
+    linear = ("positive", "negative")
     equation = "positive where qd > 0, -negative where qd < 0"
     confused_with = ("coulomb_friction", "effort_offset")
     shown_by = "both directions in equal parts, in several poses"
@@ -198,12 +189,6 @@ class AsymmetricFriction(DryFriction):
     def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
         return motion.sharp_column(target, *motion.ways(target))
 
-    def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
-        return {"positive": float(coefficients[0]), "negative": float(coefficients[1])}
-
-    def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
-        return np.array([values["positive"], values["negative"]]), {}
-
 
 class LoadDependentFriction(Effect):
     """Dry friction in proportion to the effort that the gear carries."""
@@ -213,6 +198,7 @@ class LoadDependentFriction(Effect):
     on = "joint"
     in_drive = True
     parameters = (Parameter("ratio", "-", 0.0, 0.9, plausible=(0.05, 0.3)),)
+    linear = ("ratio",)
     equation = "ratio * abs(effort) * sign(qd)"
     confused_with = ("coulomb_friction", "effort_scale")
     shown_by = "both directions under small and under large load"
@@ -231,12 +217,6 @@ class LoadDependentFriction(Effect):
     def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
         return motion.sharp_column(target, np.abs(motion.load[:, target]) * motion.direction[:, target])
 
-    def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
-        return {"ratio": float(coefficients[0])}
-
-    def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
-        return np.array([values["ratio"]]), {}
-
 
 class QuadraticDrag(Effect):
     """Drag in proportion to the square of the velocity (churning grease, fans, fluids)."""
@@ -246,6 +226,7 @@ class QuadraticDrag(Effect):
     on = "joint"
     in_drive = True
     parameters = (Parameter("drag", "N*m*s^2/rad^2", 0.0, plausible=(0.05, 0.5), of_effort=True),)
+    linear = ("drag",)
     equation = "drag * abs(qd) * qd"
     confused_with = ("viscous_friction",)
     shown_by = "the highest speeds beside slow ones"
@@ -259,9 +240,3 @@ class QuadraticDrag(Effect):
     def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
         velocity = motion.velocity[:, target]
         return motion.joint_column(target, np.abs(velocity) * velocity)
-
-    def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
-        return {"drag": float(coefficients[0])}
-
-    def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
-        return np.array([values["drag"]]), {}

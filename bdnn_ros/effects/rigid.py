@@ -46,6 +46,7 @@ class Armature(Effect):
     on = "joint"
     in_drive = True
     parameters = (Parameter("armature", "kg*m^2", 0.0, plausible=(0.05, 0.5), of_effort=True),)
+    linear = ("armature",)
     equation = "armature * qdd"
     confused_with = ("link_inertia", "effort_delay", "effort_scale")
     shown_by = "high accelerations in poses of different gravity and inertia"
@@ -59,12 +60,6 @@ class Armature(Effect):
 
     def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
         return motion.joint_column(target, motion.acceleration[:, target])
-
-    def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
-        return {"armature": float(coefficients[0])}
-
-    def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
-        return np.array([values["armature"]]), {}
 
     def had(self, robot: Robot, target: int) -> float:
         return float(robot.armature[target])
