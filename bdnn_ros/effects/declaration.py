@@ -16,7 +16,7 @@ Where = Literal["joint", "link", "base", "all"]
 Values = Mapping[str, float]
 """Parameter values by name, in the units of the contract."""
 UNSEEN = 5.0
-"""A standard deviation of so many times what is met in practice says nothing."""
+"""An estimate whose standard deviation is this many times the largest plausible value says nothing."""
 
 
 @dataclass(frozen=True)

@@ -20,11 +20,11 @@ FORCE = ("force_x", "force_y", "force_z")
 TORQUE = ("torque_x", "torque_y", "torque_z")
 COMPONENTS = FORCE + TORQUE
 SHORTEST = 0.3
-"""A push lasts so long [s]: what is shorter, no low-pass leaves much of."""
+"""Least duration of a push [s]: the low-pass leaves little of a shorter one."""
 MOST_APART = 100.0
-"""Parts of a wrench are of like size: what hardly acts is believed to be so many times as large as what acts most, no more."""
+"""Largest ratio of the components' prior standard deviations: a component that has little effect is not believed any larger."""
 SAME_POINT = 0.005
-"""Points nearer to each other are one [m]."""
+"""Points nearer to each other than this count as one [m]."""
 EDGES = ("start", "end")
 """Its parameters that are moments of the recording [s]."""
 WINDOW = (
@@ -35,7 +35,7 @@ HADDADIN = "Haddadin, De Luca, Albu-Schäffer, Robot collisions: a survey, IEEE 
 
 
 class Push(Effect):
-    """What the environment does to the robot between two times."""
+    """Contact with the environment between two times."""
 
     name = "external_wrench"
     brief = True
@@ -53,18 +53,18 @@ class Push(Effect):
 
     @abstractmethod
     def pulls(self, motion: Motion, target: int, link: str | None = None) -> np.ndarray:
-        """What the columns of one that never ends are made of, wherever it acts, (N, n, K)."""
+        """Columns of a contact without end, before they are mixed (see `mixing`), (N, n, K)."""
 
     @abstractmethod
     def mixing(self, shape: Values) -> np.ndarray:
-        """How much of each of them is in the columns, (K, k)."""
+        """Weights of `pulls` in the columns, (K, k)."""
 
 
 class ExternalWrench(Push):
     """A constant force and torque of the environment on a link, in the base's axes, between two times.
 
-    It acts at a point that moves with the link; a diagnosis tries the origin of the frame, the centre of mass, and where
-    a force alone explains most.
+    It acts at a point fixed to the link; a diagnosis tries the origin of the frame, the centre of mass, and the point where a
+    pure force explains most.
     """
 
     variant = "link"
@@ -106,14 +106,14 @@ class ExternalWrench(Push):
         return mixed
 
     def strength(self, unit: np.ndarray, usual: np.ndarray) -> np.ndarray:
-        # who pushes a link does not mind how weak the last joints are: as a share of what all joints do together
+        # relative to the effort of all joints together: a contact's size does not depend on how weak the last joints are
         return np.asarray(np.linalg.norm(unit, axis=0) / np.linalg.norm(usual, axis=0))
 
     def spread(self, typical: np.ndarray, motion: Motion, target: int) -> np.ndarray:
         return np.minimum(typical, MOST_APART * typical.min())
 
     def displaced(self, force: np.ndarray) -> np.ndarray:
-        """As `mixing`, of what each metre of the point along the link's axes adds under a force (3,) [N], (K, 3)."""
+        """As `mixing`, for the effort that a force (3,) [N] adds per metre of the point along each of the link's axes, (K, 3)."""
         return np.vstack([np.zeros((len(COMPONENTS), 3)), -np.kron(force[:, None], np.eye(3))])
 
     def shapes(self, motion: Motion, target: int, link: str | None = None) -> list[dict[str, float]]:
@@ -175,16 +175,16 @@ class ExternalTorque(Push):
 
 
 def window(motion: Motion, shape: Values) -> np.ndarray:
-    """How much of each sample's period lies between `start` and `end`, as soft as the effort is, (N,) in 0 to 1.
+    """Share of each sample's period that lies between `start` and `end`, softened as the effort, (N,) in 0 to 1.
 
-    The arm hardly moves while an edge passes the low-pass, so that a column may be weighed with it.
+    The arm hardly moves while an edge passes the low-pass, so columns may be multiplied by it.
     """
     begun, over = (_past(motion, shape[edge]) for edge in EDGES)
     return motion.signals.soften(begun - over)
 
 
 def edge_rates(motion: Motion, shape: Values) -> np.ndarray:
-    """Change of a push's window per second that its start, and its end, come later, (N, 2) [1/s]."""
+    """Change of a push's window per second of delay of its start, and of its end, (N, 2) [1/s]."""
     step = 1.0 / motion.signals.rate
     earlier, later = (
         np.stack([_past(motion, shape[edge] + by) for edge in EDGES], axis=1) for by in (-step, step)
@@ -193,7 +193,7 @@ def edge_rates(motion: Motion, shape: Values) -> np.ndarray:
 
 
 def _past(motion: Motion, moment: float) -> np.ndarray:
-    """How much of each sample's period lies after a moment [s], (N,) in 0 to 1."""
+    """Share of each sample's period that lies after a moment [s], (N,) in 0 to 1."""
     return np.clip((motion.time - moment) * motion.signals.rate + 0.5, 0.0, 1.0)
 
 

@@ -1,4 +1,4 @@
-"""Friction of joints and drives; it resists the motion, so it adds to the measured effort with its sign."""
+"""Friction of joints and drives. It resists the motion, so it adds to the measured effort with the sign of the velocity."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ ARMSTRONG = (
 )
 BONA = "Bona, Indri, Friction compensation in robotics: an overview, CDC 2005"
 RESOLVED = 0.25
-"""A Stribeck velocity that is passed within this share of the low-pass's standard deviation cannot be told from sticking."""
+"""A Stribeck velocity that the joint passes within this share of the low-pass's standard deviation looks like sticking."""
 FALLING = 2.0
-"""Friction falls where it is there: its Stribeck velocity is no less than this many times that at which all of it is."""
+"""Least Stribeck velocity, per velocity at which dry friction has fully built up: it can only fall from there."""
 SLIDING = {
     "coulomb_friction": ("coulomb", "coulomb"),
     "stribeck_friction": ("coulomb", "coulomb"),
     "asymmetric_friction": ("positive", "negative"),
     "hysteresis": ("force", "force"),
 }
-"""What slides with dry friction, and the parameters that say how much of it there is ahead and back, however fast."""
+"""Dry friction effects, and the parameters that give their level forwards and backwards at any speed."""
 
 
 class DryFriction(Effect):
-    """What stands for all of a joint's dry friction, also that which it is described with."""
+    """An effect that accounts for all of a joint's dry friction, including that of the robot's description."""
 
     on = "joint"
     in_drive = True
@@ -40,7 +40,7 @@ class DryFriction(Effect):
         return float(robot.coulomb[target])
 
     def ways(self, robot: Robot, target: int, held: Held) -> np.ndarray:
-        """All dry friction that an earlier model has at a joint ahead and back, (2,) [N·m], whatever it is called."""
+        """All dry friction that an earlier model has at a joint, forwards and backwards, (2,) [N·m], of whatever effect."""
         each = ([one[p] for p in ways] for name, ways in SLIDING.items() for one in held.get(name, ()))
         return np.asarray(self.had(robot, target) + sum(map(np.array, each), np.zeros(2)))
 
@@ -97,7 +97,7 @@ class ViscousFriction(Effect):
 
 
 class StribeckFriction(DryFriction):
-    """Dry friction that falls from `static` at rest to `coulomb` within some multiples of `velocity`."""
+    """Dry friction that falls from `static` at rest to `coulomb` as the speed passes the Stribeck `velocity`."""
 
     name = "stribeck_friction"
     title = "Stribeck friction"
@@ -136,17 +136,19 @@ class StribeckFriction(DryFriction):
         return [shape for shape in tried if self.resolved(motion, target, shape)] or tried[-1:]
 
     def resolved(self, motion: Motion, target: int, shape: Values) -> bool:
-        """Whether the joint takes a good part of the low-pass's width to pass the velocity, and all of its friction is there by
-        then."""
+        """Whether the motion can show this Stribeck velocity.
+
+        The joint must take a good part of the low-pass's width to pass it, and dry friction must have fully built up by then.
+        """
         usual, creep = motion.usual_acceleration[target], motion.signals.creep
         least = 0.0 if creep is None else FALLING * float(creep[target, :2].max())
         return bool(shape["velocity"] >= max(RESOLVED * usual * motion.signals.kernel_std, least))
 
     def shown(self, values: Values, stds: Values, most: float = math.inf) -> bool:
-        # a fall as slow or as fast as any that is tried would rather be slower (sticking) or faster (drag)
+        # at the lower bound it is sticking rather than a Stribeck velocity, at the upper bound drag
         velocity, (low, high) = values["velocity"], self.shape_bounds["velocity"]
         inside = low + stds["velocity"] < velocity < high - stds["velocity"]
-        # slow moments may be so few that any height fits: what was never measured would hold the joint for ever
+        # with few slow samples any static friction fits, even one beyond all measured efforts
         return inside and values["static"] <= most
 
     def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
@@ -191,7 +193,7 @@ class AsymmetricFriction(DryFriction):
 
 
 class LoadDependentFriction(Effect):
-    """Dry friction in proportion to the effort that the gear carries."""
+    """Dry friction in proportion to the effort that the gear transmits."""
 
     name = "load_dependent_friction"
     title = "load-dependent friction"
