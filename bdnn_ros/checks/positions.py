@@ -16,7 +16,7 @@ BEYOND = 1.5
 FAR_BEYOND = 4.0
 """... or one joint this many times (its limits alone may be too narrow): in degrees, 7 % of its range suffice, ..."""
 FASTER = 5.0
-"""... or most joints, those without a range, reach this many times their described velocity, and `QUICK`, both ways."""
+"""... or joints without a range, most joints being suspect, reach this many times their described velocity, and `QUICK`."""
 QUICK = 20.0
 """Velocity of the fastest wrists [rad/s]: described velocities are often guesses."""
 QUICKEST = 60.0

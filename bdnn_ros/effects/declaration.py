@@ -109,7 +109,7 @@ class Declaration:
     excess: ClassVar[np.ndarray | None] = None
     """Weights (k,) of the coefficients whose sum measures how far it differs from what it settles into; 0 if it does not."""
 
-    # -- flags: where its effort acts; none is set for what acts on the link behind the gear (springs, contacts) --
+    # -- flags: where its effort acts; none is set for the others, which act on the link behind the gear --
     in_drive: ClassVar[bool] = False
     """Before the gear, which does not carry its effort: friction, rotor inertia, cogging."""
     at_sensor: ClassVar[bool] = False
