@@ -39,7 +39,7 @@ NEARLY_ALL = 0.01
 STEP = 0.7
 """Each change must reduce the unexplained share to this factor or less."""
 TIED, MOST_TIED = 1.05, 2
-"""Readings within this factor of the best unexplained share are reported too, up to so many: one joint may undo another's change."""
+"""Readings within this factor of the best unexplained share are reported too, up to so many: joints may be hard to tell apart."""
 ZEROS = {90.0: "90 deg further", 180.0: "180 deg further", -90.0: "90 deg back"}
 BASES = {
     (180.0, 0.0): "upside down",
