@@ -19,17 +19,17 @@ from bdnn_ros.readings import (
 )
 
 GAP_FACTOR = 5.0
-"""A pause longer than this many sample periods, and than `GAP_SECONDS`, is a gap: left as it is."""
+"""A pause longer than this many sample periods, and than `GAP_SECONDS`, is a gap, and not interpolated."""
 GAP_SECONDS = 0.05
 STILL_WIDTHS = 12.0
 """A joint that covers less than this many standard deviations of its position's noise does not move."""
 STILL_RANGE = 5e-4
-"""Nor does one that covers less than this [rad or m]: a gripper that holds gives so much."""
+"""Nor does one that covers less than this [rad or m]: a gripper that holds something gives way by as much."""
 
 
 @dataclass(frozen=True)
 class Recording:
-    """Joint states against time; the only thing that crosses from the outside in.
+    """Joint states against time; the only data that enters the package from outside.
 
     Attributes:
         time: stamps [s], (N,), strictly increasing.
@@ -38,9 +38,9 @@ class Recording:
         velocity: [rad/s], (N, n), or None where it was not measured.
         effort: [N·m] (or [N]), (N, n), or None where it was not measured.
         name: where it came from, for messages.
-        urdf: robot description that came along, whether it can be used or not, or None.
+        urdf: robot description in the same source, usable or not, or None.
         notes: what was left out or repaired while reading, one sentence each.
-        epoch: the clock's reading at time 0 [ns]; as floats, stamps since 1970 would be too coarse.
+        epoch: clock time at time 0 [ns]: stamps since 1970 would be too coarse as floats.
 
     Raises:
         RecordingError: shapes disagree, a value is not finite, or stamps do not increase.
@@ -92,11 +92,11 @@ class Recording:
 
     @property
     def recorded(self) -> float:
-        """Time of all segments together [s]: pauses do not count."""
+        """Duration of all segments together [s], without the gaps."""
         return float(self._clock()[-1]) if len(self.time) else 0.0
 
     def _clock(self, counted: np.ndarray | bool = True) -> np.ndarray:
-        """Time of all samples without the pauses between segments, and without samples that do not count [s], (N,)."""
+        """Time of each sample without gaps and without samples that do not count [s], (N,)."""
         steps = np.diff(self.time, prepend=self.time[:1]) * counted
         steps[[rows.start for rows in self.segments()[1:]]] = 0.0
         return np.cumsum(steps)
@@ -152,7 +152,7 @@ class Recording:
         return self.part((self.time >= start) & (self.time < end))
 
     def split(self, holdout: float, counted: np.ndarray | bool = True) -> tuple[Recording, Recording]:
-        """The first part and the last `holdout` share of the time recorded, or of that of the samples `counted`, (N,) bool.
+        """The first part and the last `holdout` share of the recorded time, or of the time of the samples `counted`, (N,) bool.
 
         Raises:
             UsageError: `holdout` is not in (0, 1).
@@ -164,15 +164,15 @@ class Recording:
         return self.part(~last), self.part(last)
 
     def excerpt(self, share: float, piece: float, before: float = 0.0) -> Recording:
-        """A share of the time recorded, as pieces of so many seconds that are spread evenly; between them are pauses.
+        """A share of the recorded time, as evenly spread pieces of so many seconds with gaps between them.
 
         Args:
-            before: time recorded before this recording, which the pieces are spread over as well [s].
+            before: recorded time before this recording, over which the pieces are spread as well [s].
         """
         return self.part((before + self._clock()) % (piece / share) < piece)
 
     def segments(self) -> list[slice]:
-        """Runs of samples without a gap, longest pause `GAP_FACTOR` periods, as slices of rows."""
+        """Runs of samples without a gap (see `GAP_FACTOR`), as slices of rows."""
         if len(self.time) < 2:
             return [slice(0, len(self.time))]
         steps = np.diff(self.time)
@@ -194,14 +194,14 @@ class Recording:
 def renamed(names: Sequence[str], rules: Iterable[str]) -> tuple[str, ...]:
     """Joint names after `old=new` and `s/pattern/replacement/` rules, applied in order; a slash in one is written \\/.
 
-    Of `old=new` in a row each speaks of the names before all of them, so that two may be exchanged; where none of these is
-    its, of what one before it made.
+    Consecutive `old=new` rules refer to the names before all of them, so that two can be exchanged; if `old` is none of these,
+    to the result of the rules before it.
 
     Raises:
         UsageError: a rule is malformed, renames nothing, or makes two names equal.
     """
     result = list(names)
-    waiting = list(names)  # names that `old=new` in a row have not mapped yet
+    waiting = list(names)  # names that consecutive `old=new` rules have not mapped yet
     for rule in rules:
         before = list(result)
         parts = [part.replace(r"\/", "/") for part in re.split(r"(?<!\\)/", rule)]
@@ -239,14 +239,14 @@ def cleaned(
     urdf: str | None = None,
     drop_invalid: bool = False,
 ) -> tuple[Recording, np.ndarray]:
-    """A recording from samples as they came, and which of them it holds: repeated stamps are left out with a note.
-
-    Args:
-        time: stamps [s], (N,), any.
-        drop_invalid: leave out samples that are not credible or late, and move what follows a clock that starts
-            anew behind what came before, with notes, instead of refusing the recording.
+    """A recording from raw samples, and the rows it holds: repeated stamps are left out with a note.
 
     A velocity or effort that is NaN throughout counts as not measured.
+
+    Args:
+        time: stamps [s], (N,), in any order.
+        drop_invalid: leave out samples that are not credible or late, and shift what follows a clock restart behind what came
+            before, with notes, instead of refusing the recording.
 
     Raises:
         RecordingError: as `Recording`; or a value is beyond what any robot has, or no sample is left.
@@ -255,7 +255,7 @@ def cleaned(
     notes: list[str] = []
     wrong = incredible(position, velocity, effort) if drop_invalid else np.zeros(position.shape, bool)
     valid = np.flatnonzero(np.isfinite(time) & ~wrong.any(axis=1)) if drop_invalid else np.arange(len(time))
-    # of two samples of one stamp the valid one stays
+    # of two samples with the same stamp the valid one is kept
     rows = valid[np.append(True, time[valid][1:] != time[valid][:-1])[: len(valid)]]
     if len(rows) < len(valid):
         notes.append(
@@ -300,12 +300,12 @@ def white_noise(values: np.ndarray) -> np.ndarray:
 
 
 def moving(recording: Recording) -> np.ndarray:
-    """Which joints move at all, (n,) bool: further than noise and rounding."""
+    """Joints that move further than noise and rounding, (n,) bool."""
     if not len(recording):
         return np.zeros(recording.width, bool)
     return further(recording.position, position_noise(recording))
 
 
 def further(position: np.ndarray, noise: np.ndarray) -> np.ndarray:
-    """Which joints' positions (N, n) cover more than noise, standard deviations (n,), and rounding do, (n,) bool."""
+    """Joints whose positions (N, n) cover more than noise, standard deviations (n,), and rounding, (n,) bool."""
     return np.asarray(np.ptp(position, axis=0) > np.maximum(STILL_RANGE, STILL_WIDTHS * noise))

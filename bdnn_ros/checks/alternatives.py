@@ -1,7 +1,7 @@
-"""Whether a robot's description would suit its motion better with joints turned, zeroed or named otherwise.
+"""Whether a robot's description would fit its motion better with joints reversed, with other zeros, or in another order.
 
-A load that hangs sideways from the last link turns its weight as another zero would: what something carried explains is no
-reason to doubt the description.
+A payload beside the axis of the last link looks like another zero: what a payload explains is no reason to doubt the
+description.
 """
 
 from __future__ import annotations
@@ -22,24 +22,24 @@ from bdnn_ros.robot import PER_LINK, Robot
 from bdnn_ros.signals import Signals
 
 MOST_ROWS = 500
-"""Samples that it is judged by."""
+"""Most samples to use."""
 POOR, GOOD = 0.97, 0.9
-"""Other readings are looked for where the description explains less than the first share of the efforts, and taken where they
-explain more than the second."""
+"""Other readings are searched if the description explains less than the first share of the efforts, and accepted if they explain
+more than the second."""
 BAD = 0.85
-"""Two joints at once are read otherwise where it explains less than this."""
+"""Two joints at once are changed if it explains less than this."""
 HARDLY = 0.3
-"""It is hardly this robot's where it explains less than this, and so does any other reading."""
+"""Below this share, without a better reading, the description is probably of another robot."""
 BETTER = 4.0
-"""And where they leave so many times less unexplained."""
+"""Least factor by which an accepted reading reduces the unexplained share."""
 LINKS_OFF = 0.2
-"""Links may be off by this share; a joint that hardly bears more than that of its link would suit any other zero."""
+"""Relative error allowed to links: a joint that bears little beyond its own link would fit any zero otherwise."""
 NEARLY_ALL = 0.01
-"""Less than this share left unexplained is nearly nothing."""
+"""An unexplained share below this is negligible."""
 STEP = 0.7
-"""Each thing read otherwise leaves at most this share of what was unexplained."""
+"""Each change must reduce the unexplained share to this factor or less."""
 TIED, MOST_TIED = 1.05, 2
-"""Others that leave hardly more are told as well, so many of them: what a joint does another may undo."""
+"""Readings within this factor of the best unexplained share are reported too, up to so many: joints may be hard to tell apart."""
 ZEROS = {90.0: "90 deg further", 180.0: "180 deg further", -90.0: "90 deg back"}
 BASES = {
     (180.0, 0.0): "upside down",
@@ -52,15 +52,15 @@ BASES = {
 
 @dataclass(frozen=True)
 class Reading:
-    """A way to read recorded joints as those of a description.
+    """A way to map recorded joints to those of a description.
 
     Attributes:
-        order: which recorded column each joint is, (n,).
+        order: recorded column of each joint, (n,).
         direction: 1 or -1, (n,).
-        zero: what is added to the position, (n,) [deg].
-        turns: whether a joint turns, (n,) bool; others are tried with no other zero.
+        zero: added to the position, (n,) [deg].
+        turns: whether a joint is revolute, (n,) bool; only these are tried with other zeros.
         base: roll and pitch of the base [deg].
-        gravity: whether the efforts hold it.
+        gravity: whether the efforts include gravity.
     """
 
     order: np.ndarray
@@ -72,11 +72,11 @@ class Reading:
 
     @classmethod
     def as_recorded(cls, robot: Robot) -> Reading:
-        """That of a robot's joints as the description has them."""
+        """The identity: joints as the description has them."""
         return cls(np.arange(robot.width), np.ones(robot.width), np.zeros(robot.width), ~robot.slides)
 
     def others(self) -> Iterator[Reading]:
-        """Readings with one thing more read otherwise."""
+        """Readings with one more change."""
         width = len(self.order)
         for j in range(width):
             yield from self.with_joint(j)
@@ -90,20 +90,20 @@ class Reading:
                 yield replace(self, base=base)
 
     def of_two_joints(self) -> Iterator[Reading]:
-        """Readings with two joints more read otherwise."""
+        """Readings with changes of two more joints."""
         for i, j in combinations(range(len(self.order)), 2):
             for one in self.with_joint(i):
                 yield from one.with_joint(j)
 
     def with_joint(self, joint: int) -> Iterator[Reading]:
-        """Readings with this joint turning the other way, or with another zero."""
+        """Readings with this joint reversed or with another zero."""
         chosen = np.arange(len(self.order)) == joint
         yield replace(self, direction=np.where(chosen, -self.direction, self.direction))
         for angle in ZEROS if self.turns[joint] else ():
             yield replace(self, zero=self.zero + angle * chosen)
 
     def words(self, joints: tuple[str, ...]) -> list[str]:
-        """What is read otherwise."""
+        """The changes, in words."""
         found = []
         for k, joint in enumerate(joints):
             angle = (self.zero[k] + 90.0) % 360.0 - 90.0
@@ -132,10 +132,10 @@ class Motion:
         self.loud = loud(signals, robot, rows) if len(rows) else np.zeros(robot.width, bool)
 
     def explained(self, reading: Reading, bent: bool = False) -> float:
-        """Share of the efforts' variance, mean of the joints, that bodies, rotors and friction make.
+        """Share of the efforts' variance, mean of the joints, that bodies, rotor inertia and friction explain.
 
         Args:
-            bent: bodies of links that are a little off, as suits the efforts best.
+            bent: with inertial parameters that deviate by up to `LINKS_OFF`, fitted to the efforts.
         """
 
         def read(values: np.ndarray) -> np.ndarray:
@@ -158,7 +158,7 @@ class Motion:
         return explained(*(column[:, loud] for column in (effort, borne, acceleration, velocity, sign)))
 
     def explained_by_a_load(self) -> float:
-        """As `explained`, as recorded, at most: with whatever one of the links may carry or weigh more."""
+        """As `explained`, for the motion as recorded, with the best payload on any one of the links."""
         robot, loud = self.robot, self.loud
         apart = [one[:, loud] for one in (self.acceleration, self.velocity, self.sign)]
         effort = self.effort[:, loud]
@@ -175,7 +175,7 @@ class Motion:
 
 
 def misread(signals: Signals, robot: Robot) -> Iterator[Remark]:
-    """What of a robot's description differs from how its motion was recorded."""
+    """How a robot's description differs from the way its motion was recorded."""
     motion = Motion(signals, robot)
     if len(motion.effort) < MOST_ROWS // 10 or not motion.loud.any():
         return
@@ -206,13 +206,13 @@ def misread(signals: Signals, robot: Robot) -> Iterator[Remark]:
 
 
 def _bent(motion: Motion, recorded: Reading, other: Reading) -> bool:
-    """Whether links a little off make of the efforts as recorded about all there is, or as much as of another reading."""
+    """Whether slightly wrong links explain the efforts as recorded nearly completely, or about as well as another reading."""
     straight, bent = (1.0 - motion.explained(one, bent=True) for one in (other, recorded))
     return bent < NEARLY_ALL or bent <= BETTER * straight
 
 
 def weightless() -> Remark:
-    """That a controller adds gravity to what is recorded."""
+    """The remark that the efforts leave gravity out, perhaps because the controller adds it."""
     return Remark(
         "",
         "The efforts leave gravity out: they hold what motion asks for, but not what the links weigh.",
@@ -221,9 +221,9 @@ def weightless() -> Remark:
 
 
 def _best(motion: Motion, reading: Reading) -> tuple[float, list[Reading]]:
-    """The readings that explain most, found by one thing after another, and how much that is.
+    """The readings that explain most, found by one change after another, and their share.
 
-    Joints with parallel axes may both be read otherwise so that neither alone is any better; then two are tried at once.
+    On joints with parallel axes a single change may not help; then two are tried at once.
     """
     share, found = motion.explained(reading), [reading]
     for _ in range(motion.robot.width):
@@ -237,14 +237,15 @@ def _best(motion: Motion, reading: Reading) -> tuple[float, list[Reading]]:
 
 
 def _better(motion: Motion, readings: Iterable[Reading]) -> tuple[float, list[Reading]]:
-    """The readings that explain most, alike, and how much that is."""
+    """The readings that explain most, with ties, and their share."""
     tried = sorted(((motion.explained(reading), reading) for reading in readings), key=lambda one: -one[0])
     best = tried[0][0]
     return best, [one for share, one in tried if 1.0 - share <= TIED * (1.0 - best)][: 1 + MOST_TIED]
 
 
 def _shared(effort: np.ndarray, columns: np.ndarray, *apart: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Columns (R, n, k) and all joints' efforts (R, n), each joint's per its spread, beside others' (R, n) of its own, in a row.
+    """Columns (R, n, k) and efforts (R, n) of all joints stacked, each per the effort's spread, without what each joint's own
+    columns (R, n) explain.
 
     Returns:
         (R n, k) and (R n,).
@@ -260,13 +261,13 @@ def _shared(effort: np.ndarray, columns: np.ndarray, *apart: np.ndarray) -> tupl
 
 
 def _within(tall: np.ndarray, target: np.ndarray, most: float) -> np.ndarray:
-    """Coefficients of columns (R, k) that explain most of a target (R,), none larger than so much."""
+    """Coefficients of columns (R, k) that explain most of a target (R,), limited to `most` in magnitude."""
     q, r = np.linalg.qr(tall)
     return np.asarray(lsq_linear(r, q.T @ target, (-most, most)).x)
 
 
 def explained(effort: np.ndarray, *columns: np.ndarray) -> float:
-    """Share of the efforts' variance, mean of the joints, that columns explain by positive factors, (R, n) each."""
+    """Share of the efforts' variance, mean of the joints, that columns (R, n) explain with positive coefficients."""
     return float(np.mean([_explained(*one) for one in zip(effort.T, *(c.T for c in columns), strict=True)]))
 
 

@@ -1,7 +1,7 @@
-"""Whether a driver reports what everything here takes for granted: radians, and all of the N·m that drive each joint.
+"""Whether a driver follows the conventions assumed here: radians, and the whole effort of each joint in N·m.
 
-A coefficient of physics tells: whatever the robot's links weigh, inertia and friction are positive, efforts of other joints'
-motion come with those of gravity, and most joints bear about what the description says.
+Physics tells: whatever the links weigh, inertia and friction are positive, the efforts contain other joints' motion in the
+same proportion as gravity, and most joints bear about what the description says.
 """
 
 from __future__ import annotations
@@ -23,43 +23,43 @@ from bdnn_ros.robot.mimics import held_mimics
 from bdnn_ros.signals import Signals
 
 MOST_ROWS = 2000
-"""Samples that are looked at."""
+"""Most samples to use."""
 LEAST_ROWS = 20
 CERTAIN = 10.0
-"""Deviations from zero that make a coefficient certain: what the description lacks is no white noise."""
+"""Standard deviations from 0 that make a coefficient certain: model errors are not white noise."""
 LARGEST, SMALLEST = 10.0, 1.0 / 3.0
-"""No robot's efforts are so many times what its description says, or as small a part of it, on most joints."""
+"""Ratios of measured to described effort that no robot reaches on most joints."""
 HEAVY = 0.3
-"""Gravity tells something on joints where it makes this share of the effort."""
+"""Least share of gravity in a joint's effort to judge it,"""
 COUPLED, OWN = 0.04, 0.05
-"""And the others' motion, and the joint's own inertia, where they make these."""
+"""of the other joints' motion, and of the joint's own inertia."""
 LEFT_OUT, FITS = 0.3, 0.85
-"""Gravity is left out where efforts hold less than this share of it, as measured by what others' motion makes of them, and all
-else explains such a share of them."""
+"""Gravity is left out if its coefficient is below this share of that of the other joints' motion, and all columns together
+explain this share of the efforts."""
 GONE, THERE = 0.1, 0.5
-"""It is not left out where it explains more of the effort than the first share, and efforts hold more than the second of it,
-whatever else seems to be too large."""
+"""It is not left out, however large the other coefficients, if it explains more of the effort than the first share and its
+coefficient exceeds the second."""
 TOLD = 0.7
-"""A joint has the wrong sign where bodies and friction explain such a share of its effort: springs and pushes have any."""
+"""A joint's sign is judged only if bodies and friction explain this share of its effort: springs and pushes have any sign,"""
 MUTE = 0.1
-"""And where the description makes no less of its effort than this share of what it makes of most joints': of a link that hangs
-in its axis it says nothing, not even to which side."""
+"""and if its described share of the effort is at least this part of the joints' median: for a link balanced about its axis even
+the sign is uncertain."""
 FACTOR = (
     "Pass --effort-factor JOINT=FACTOR (node: effort_factors), the N*m (N) in each reported unit: of a current "
     "the torque constant times the gear ratio."
 )
 HARDLY = 0.25
-"""A joint that bears less than this share of what the description says is in another unit, where the others bear theirs."""
+"""A joint that bears less than this share of the described effort, unlike the others, is in another unit."""
 OVERDRIVEN = 10.0
-"""No drive gives so many times its limit."""
+"""Effort per limit that no drive reaches."""
 
 
 class Fit(NamedTuple):
-    """What columns make of the joints' efforts.
+    """Regression of the joints' efforts on columns.
 
     Attributes:
         coefficients: (k, n).
-        certainty: how many standard deviations each is from zero, (k, n); 0 where it cannot be told.
+        certainty: each coefficient per its standard deviation, (k, n); 0 where undetermined.
         explained: share of each effort's variance, (n,).
     """
 
@@ -70,12 +70,12 @@ class Fit(NamedTuple):
 
 @dataclass(frozen=True)
 class Efforts:
-    """Measured efforts, to be made of columns (R, n) beside a constant.
+    """Measured efforts, to be regressed on columns (R, n) and a constant.
 
     Attributes:
         measured: as the driver reports them, (R, n) [N·m].
         sign: direction of motion, (R, n).
-        usable: rows that count, (R, n) bool.
+        usable: rows to use, (R, n) bool.
     """
 
     measured: np.ndarray
@@ -84,13 +84,13 @@ class Efforts:
 
     @classmethod
     def of(cls, signals: Signals, rows: np.ndarray, robot: Robot) -> Efforts:
-        """Those of some samples of a motion (R,)."""
+        """Those of some samples (R,) of a motion."""
         assert signals.effort is not None
         usable = telling(signals)[rows] & loud(signals, robot, rows)
         return cls(signals.effort[rows], signals.sign[rows], usable)
 
     def fit(self, *columns: np.ndarray) -> Fit:
-        """What each joint's effort holds of columns (R, n)."""
+        """Regression of each joint's effort on its columns (R, n)."""
         fits = [
             _fit(self.measured[rows, j], [column[rows, j] for column in columns])
             for j, rows in enumerate(self.usable.T)
@@ -98,7 +98,7 @@ class Efforts:
         return Fit(*(np.array(part).T for part in zip(*fits, strict=True)))
 
     def share(self, column: np.ndarray) -> np.ndarray:
-        """How large a column (R, n) is beside each joint's effort, (n,)."""
+        """Standard deviation of a column (R, n) per that of each joint's effort, (n,)."""
         sizes = [
             np.std(column[rows, j]) / max(np.std(self.measured[rows, j]), 1e-12) if rows.any() else 0.0
             for j, rows in enumerate(self.usable.T)
@@ -106,10 +106,10 @@ class Efforts:
         return np.array(sizes)
 
     def factor(self, borne: np.ndarray, *own: np.ndarray) -> float | None:
-        """How many times what is expected of them (R, n) they are, median of the joints; None where few tell.
+        """Measured effort per expected effort (R, n), median of the joints; None if determined for less than half of them.
 
         Args:
-            own: what rotors may make as much of as they like, (R, n).
+            own: columns with a free coefficient of their own, such as rotor inertia, (R, n).
         """
         fit = self.fit(borne, self.sign, *own)
         known = np.abs(fit.coefficients[0])[np.abs(fit.certainty[0]) > CERTAIN]
@@ -118,12 +118,12 @@ class Efforts:
 
 @dataclass(frozen=True)
 class Borne:
-    """What a robot's bodies make of some samples' efforts, (R, n) each [N·m].
+    """Rigid-body efforts of some samples by the description, (R, n) each [N·m].
 
     Attributes:
-        efforts: measured.
-        own, coupled: by the joint's own acceleration, and by all else that moves.
-        gravity: by gravity.
+        efforts: the measured ones.
+        own, coupled: due to the joint's own acceleration, and to all other motion.
+        gravity: due to gravity.
     """
 
     efforts: Efforts
@@ -144,24 +144,24 @@ class Borne:
 
     @property
     def total(self) -> np.ndarray:
-        """All of it, (R, n) [N·m]."""
+        """Their sum, (R, n) [N·m]."""
         return self.own + self.coupled + self.gravity
 
     @cached_property
     def apart(self) -> Fit:
-        """What the efforts hold of each: own, coupled, gravity, and the direction."""
+        """Regression of the efforts on own, coupled and gravity efforts and the direction."""
         return self.efforts.fit(self.own, self.coupled, self.gravity, self.efforts.sign)
 
 
 def breaches(signals: Signals, robot: Robot) -> Iterator[Remark]:
-    """Conventions that a recorded motion breaks, by a robot's description; those that hide others first."""
+    """Conventions that a recorded motion violates, judged by the robot's description; first those that would mask others."""
     others = list(in_other_units(signals, robot))
     yield from others
     if others or signals.effort is None:
         return
     borne = Borne.of(signals, robot)
     turned, plainly = _turned(borne, signals.joints)
-    # what hangs otherwise than described may turn a joint's small efforts round, but never all of its large ones
+    # a wrong mounting may reverse a joint's small efforts, but never all of its large ones
     found = turned if plainly else list(misread(signals, robot)) or turned
     found = (
         found
@@ -174,7 +174,7 @@ def breaches(signals: Signals, robot: Robot) -> Iterator[Remark]:
 
 
 def unlike(signals: Signals, predicted: np.ndarray, robot: Robot) -> Iterator[Remark]:
-    """Whether a motion's efforts are in another unit than those a model predicts for it, (N, n)."""
+    """Whether a motion's efforts are in another unit than a model's predictions for it, (N, n)."""
     rows = _rows(signals)
     yield from _another_unit(Efforts.of(signals, rows, robot).factor(predicted[rows]))
 
@@ -184,7 +184,7 @@ def _rows(signals: Signals) -> np.ndarray:
 
 
 def _out_of_proportion(borne: Borne) -> Iterator[Remark]:
-    """Whether efforts are many times what bodies make of them on most joints, or hardly anything: then of gravity alone?"""
+    """Whether most joints' efforts are far larger or smaller than expected; if smaller only by gravity, it is left out."""
     factor = borne.efforts.factor(borne.total, borne.own)
     of_motion = borne.efforts.factor(borne.own + borne.coupled, borne.own)
     if factor is not None and of_motion is not None and factor < SMALLEST < of_motion:
@@ -194,7 +194,7 @@ def _out_of_proportion(borne: Borne) -> Iterator[Remark]:
 
 
 def _another_unit(factor: float | None) -> Iterator[Remark]:
-    """Whether efforts are so many times what is expected of them that they are in another unit."""
+    """Whether a ratio of measured to expected efforts means another unit."""
     if factor is None or SMALLEST < factor < LARGEST:
         return
     yield Remark(
@@ -205,7 +205,7 @@ def _another_unit(factor: float | None) -> Iterator[Remark]:
 
 
 def _overdriven(signals: Signals, robot: Robot) -> Iterator[Remark]:
-    """Joints, fewer than half, whose drives would give many times what the description lets them: others' limits are right."""
+    """Joints, fewer than half, whose efforts far exceed their limits while the others keep theirs."""
     assert signals.effort is not None
     most, limit = np.nanmax(np.abs(signals.smooth(signals.effort)), axis=0), robot.limits.effort
     told = np.isfinite(limit) & (limit > 0.0)
@@ -222,10 +222,10 @@ def _overdriven(signals: Signals, robot: Robot) -> Iterator[Remark]:
 
 
 def _hardly_borne(borne: Borne, joints: tuple[str, ...], leading: set[str]) -> Iterator[Remark]:
-    """Joints, fewer than half, that surely bear a small part only of their gravity, and as small a one of others' motion.
+    """Joints, fewer than half, whose effort certainly holds only a small part of gravity and of the other joints' motion.
 
-    A spring takes the gravity alone, and a light link is felt by the joints before it. The two fingers of a hand that one
-    drive moves, of which one leads, balance each other.
+    A spring may balance gravity, but not the other joints' motion; a light link would affect the joints before it as well. A
+    hand's two fingers driven by one motor, one of which leads, balance each other and are left out.
     """
     _, coupled, gravity, _ = np.abs(borne.apart.coefficients)
     sure = np.abs(borne.apart.certainty[1:3])
@@ -243,7 +243,7 @@ def _hardly_borne(borne: Borne, joints: tuple[str, ...], leading: set[str]) -> I
 
 
 def _gravity_left_out(borne: Borne) -> bool:
-    """Whether what motion makes of the efforts is there, and what gravity makes is not."""
+    """Whether the efforts contain what motion takes but not gravity."""
     efforts, fit = borne.efforts, borne.apart
     _, coupled, gravity, _ = np.abs(fit.coefficients)
     told = efforts.share(borne.coupled) * (np.abs(fit.certainty[1]) > CERTAIN)
@@ -260,8 +260,10 @@ def _gravity_left_out(borne: Borne) -> bool:
 
 
 def _turned(borne: Borne, joints: tuple[str, ...]) -> tuple[list[Remark], bool]:
-    """Joints whose effort falls where it should grow, and whose friction or own inertia would be negative; and whether each
-    falls by a good part of what it should grow by."""
+    """Joints with efforts of the wrong sign: negative coefficients of the rigid-body effort and of friction or own inertia.
+
+    Also whether each such coefficient is so large that no other cause is needed.
+    """
     efforts, apart = borne.efforts, borne.apart
     whole = efforts.fit(borne.total, efforts.sign)
     sure, sure_of_friction = whole.certainty
@@ -284,7 +286,7 @@ def _turned(borne: Borne, joints: tuple[str, ...]) -> tuple[list[Remark], bool]:
 
 
 def _fit(effort: np.ndarray, columns: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray, float]:
-    """A `Fit` of one joint: columns (R,) beside a constant."""
+    """A `Fit` of one joint: columns (R,) and a constant."""
     matrix = np.stack([*columns, np.ones_like(effort)], axis=1)
     coefficients, certainty = np.zeros((2, matrix.shape[1]))
     size = np.linalg.norm(matrix, axis=0)

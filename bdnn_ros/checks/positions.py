@@ -1,4 +1,4 @@
-"""Whether positions are told in radians and metres: of what covers far more than its range, or is faster than any robot."""
+"""Whether positions are in radians and metres: not if they far exceed their range, or are faster than any robot."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from bdnn_ros.robot import Robot
 from bdnn_ros.signals import Signals
 
 BEYOND = 1.5
-"""Joints, most of them, that cover so many times their whole range are not told in radians."""
+"""Positions are not in radians if most joints cover this many times their whole range, ..."""
 FAR_BEYOND = 4.0
-"""Nor is a single one that does so, whose limits alone may be too narrow: a turn of 7 % of its range in degrees."""
+"""... or one joint this many times (its limits alone may be too narrow): in degrees, 7 % of its range suffice, ..."""
 FASTER = 5.0
-"""Nor are joints without a range, most of them, that reach so many times their described velocity, and `QUICK`, both ways."""
+"""... or joints without a range, most joints being suspect, reach this many times their described velocity, and `QUICK`."""
 QUICK = 20.0
-"""Many a description holds a velocity that somebody guessed; the quickest arms reach this with their wrists [rad/s]."""
+"""Velocity of the fastest wrists [rad/s]: described velocities are often guesses."""
 QUICKEST = 60.0
-"""Joints whose velocity no description tells reach this only in degrees [rad/s]..."""
+"""Velocity that a joint without a described one reaches only if in degrees [rad/s], ..."""
 WIDEST = 720.0
-"""... unless they cover more than this, two turns in degrees, as wheels do that spin [rad]."""
+"""... unless it covers more than this, as spinning wheels do [rad]: two turns in degrees."""
 USUAL = 2.0
-"""Per cent of the samples that may be quicker: it is the others' velocity that counts."""
+"""Percentage of the fastest samples, each way, to ignore [%]."""
 
 
 def in_other_units(signals: Signals, robot: Robot) -> Iterator[Remark]:
@@ -55,13 +55,13 @@ def in_other_units(signals: Signals, robot: Robot) -> Iterator[Remark]:
 
 
 def _both_ways(signals: Signals) -> np.ndarray:
-    """Velocity that each joint reaches both ways, (n,) [rad/s]: wheels and rotors spin one way."""
+    """Velocity that each joint reaches in both directions, (n,) [rad/s]: wheels and rotors spin one way."""
     low, high = np.percentile(signals.velocity, (USUAL, 100.0 - USUAL), axis=0)
     return np.asarray(np.minimum(-low, high))
 
 
 def _too_fast(speed: np.ndarray, signals: Signals, robot: Robot) -> np.ndarray:
-    """Which joints are faster than any robot's, (n,) bool: of one joint alone only a description can tell."""
+    """Joints that are faster than any robot, (n,) bool; a single joint is judged by its description only."""
     limit = robot.limits.velocity
     told = np.isfinite(limit)
     most = np.where(told, np.maximum(FASTER * limit, QUICK), QUICKEST if robot.width > 1 else np.inf)
@@ -77,5 +77,5 @@ def _told(joints: str, saying: str, its: str, unit: str) -> Remark:
 
 
 def _rounded(value: float) -> str:
-    """A number of two digits at least, without an exponent."""
+    """A number with at least two digits and no exponent."""
     return f"{value:.2g}" if value < 10.0 else f"{value:.0f}"

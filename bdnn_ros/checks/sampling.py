@@ -1,4 +1,4 @@
-"""Some samples of a motion that stand for all of it."""
+"""Samples that represent a motion."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from bdnn_ros.signals import Signals
 from bdnn_ros.signals.kernels import passed_noise
 
 CLEAR = 5.0
-"""What is looked at stands out from noise so many times."""
+"""Least ratio of effort to noise."""
 BRISK = 10.0
-"""Velocities do so many times: noise makes them look slow, or late, by little."""
+"""Least ratio of velocity to noise, so that noise hardly biases it towards slow or late."""
 
 
 def telling(signals: Signals) -> np.ndarray:
@@ -20,9 +20,9 @@ def telling(signals: Signals) -> np.ndarray:
 
 
 def loud(signals: Signals, robot: Robot, rows: np.ndarray) -> np.ndarray:
-    """Joints whose effort, and what bodies make of it, stand out from the sensors' noise in some rows (R,), (n,) bool.
+    """Joints whose effort and rigid-body effort stand out from the sensors' noise in some rows (R,), (n,) bool.
 
-    Of a joint that hardly moves the position's noise makes more than its motion does.
+    For a joint that hardly moves, the position's noise outweighs the motion in the rigid-body effort.
     """
     assert signals.effort is not None and signals.effort_noise is not None
     twiced, width, rate = signals.flat is not None, signals.motion_std, signals.raw_rate
@@ -37,17 +37,17 @@ def loud(signals: Signals, robot: Robot, rows: np.ndarray) -> np.ndarray:
 
 
 def brisk(signals: Signals, rows: np.ndarray) -> np.ndarray:
-    """Joints whose velocity in some rows (R,) stands out from what the position's noise makes of it, (n,) bool."""
+    """Joints whose velocity in some rows (R,) stands out from its noise, (n,) bool."""
     return np.asarray(np.sqrt(np.mean(signals.velocity[rows] ** 2, axis=0)) > BRISK * signals.velocity_noise)
 
 
 def some(rows: np.ndarray, most: int) -> np.ndarray:
-    """Rows (R,) as far apart as leaves at least so many of them, less than twice as many; all where there are fewer."""
+    """Every so many-th of rows (R,), so that at least `most` are left, but less than twice as many; all if there are fewer."""
     return rows[:: max(len(rows) // most, 1)]
 
 
 def lowest(values: np.ndarray) -> float:
-    """Where values (N,) are lowest, between their indices by a parabola."""
+    """Fractional index of the minimum of values (N,), by a parabola."""
     best = int(np.argmin(values))
     if not 0 < best < len(values) - 1:
         return float(best)

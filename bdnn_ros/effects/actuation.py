@@ -1,4 +1,4 @@
-"""Drives: what the commanded or measured effort is not, and what the drive adds on its own.
+"""Drives and effort sensors: how the measured effort differs from the one that acts, and what drive and joint add.
 
 The effort that acts is `scale · measured(t - delay) + offset`, so the measured effort is
 `(acting(t + delay) - offset) / scale`, and the columns below are written for the measured effort.
@@ -25,26 +25,27 @@ GAUTIER = (
 )
 
 FINEST = 2000.0
-"""Most periods in a revolution, or in 2 pi metres (a pitch of 3 mm), that are looked for."""
+"""Most periods per revolution, or per 2 pi metres (a pitch of 3 mm), that are considered."""
 LEAST_HALVES, LEAST_PERIODS = 4, 4
-"""Fewest half periods along the stroke of a joint that slides, and how many periods are tried at least."""
+"""On a prismatic joint: fewest half periods along the stroke, and least number of periods to try."""
 BLURRED = 4.0
-"""At a joint's usual speed the ripple may come so many times as often as the low-pass lets through: slow moments show it."""
+"""Highest ripple frequency at a joint's usual speed, per cut-off of the low-pass: slower moments show such a ripple."""
 SHORTEST = 1e-3
-"""No stroke counts as shorter [rad, m], and no speed as slower [rad/s, m/s]: of a joint that stands a spring is an offset."""
+"""Least stroke [rad, m] and speed [rad/s, m/s] to divide by: on a joint at rest a spring is an offset."""
 HARDLY = 0.05
-"""What of either sign there was is gone where a change leaves no more than this share of it."""
+"""An effect of an earlier model counts as gone if a change leaves no more than this share of it."""
 SAME_RIPPLE = 0.002
-"""Ripples are the same where their periods differ by no more than this share."""
+"""Ripples whose periods differ by no more than this share are the same."""
 
 
 class EffortOffset(Effect):
-    """A constant that acts beside the measured effort: sensor bias, or a drive's offset."""
+    """A constant that acts in addition to the measured effort: a sensor's bias, or a drive's offset."""
 
     name = "effort_offset"
     title = "an effort offset"
     on = "joint"
     parameters = (Parameter("offset", "N*m", plausible=(-0.4, 0.4), of_effort=True),)
+    linear = ("offset",)
     equation = "-offset (effort that acts = measured + offset)"
     confused_with = ("joint_spring", "asymmetric_friction", "base_tilt", "external_wrench")
     shown_by = "poses whose gravity has both signs, and both directions of motion"
@@ -59,12 +60,6 @@ class EffortOffset(Effect):
     def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
         return motion.joint_column(target, -np.ones(len(motion.time)))
 
-    def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
-        return {"offset": float(coefficients[0])}
-
-    def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
-        return np.array([values["offset"]]), {}
-
     def sentence(self, where: str, values: Values) -> str:
         if not self.before:
             return super().sentence(where, values)
@@ -77,8 +72,8 @@ class EffortOffset(Effect):
 class EffortScale(Effect):
     """A wrong torque constant: `scale` times the measured effort acts.
 
-    Its column leaves out what the drive was found to take beyond the robot's own friction and rotor: those are measured
-    in the same wrong unit, and a load that holds them would explain them once more.
+    Its column leaves out the drive effort found beyond the robot's own friction and rotor inertia: it was identified in the
+    same wrong unit, and scaling it too would count it twice.
     """
 
     name = "effort_scale"
@@ -114,8 +109,8 @@ class EffortScale(Effect):
 class EffortDelay(Effect):
     """An effort that acts `delay` after its stamp, on one joint or on all alike.
 
-    Linear in the delay while it is short; the shape `at` [s] names the delay at which the columns are exact,
-    as a secant from no delay.
+    Linear in the delay while it is short; the shape `at` [s] is the delay at which the columns, secants from no delay, are
+    exact.
     """
 
     name = "effort_delay"
@@ -168,9 +163,9 @@ class EffortDelay(Effect):
 class Cogging(Effect):
     """A ripple over position: magnets and slots, the teeth of a gear, or the lead of a screw.
 
-    It is looked for from three periods a revolution on, or two along what a joint slides: fewer are what gravity and
-    springs do. A joint that slides has 2 pi of them in a metre for each turn of its screw. Its phase is told against the
-    position that the joint reports, with its offset if it has one.
+    Ripples of at least three periods a revolution are considered, or two over the stroke of a prismatic joint: slower ones
+    are gravity or springs. On a prismatic joint, `periods_per_rev` counts periods in 2 pi metres. The phase refers to the
+    position that the joint reports, including its offset if there is one.
     """
 
     name = "cogging"
@@ -193,7 +188,7 @@ class Cogging(Effect):
     coefficient_bounds = ((-np.inf, np.inf), (-np.inf, np.inf))
     shape_bounds = MappingProxyType({"periods_per_rev": (3.0, FINEST)})
     known: Sequence[Values] | None = None
-    """What an earlier model has of it at its place, by name; None where none takes the simulation's place."""
+    """Cogging that an earlier model has at its place; None where the simulation is not replaced by an earlier model."""
 
     def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
         amplitude, periods, phase = values["amplitude"], values["periods_per_rev"], values["phase"]
@@ -206,7 +201,7 @@ class Cogging(Effect):
         return motion.sharp_column(target, np.sin(angle), np.cos(angle))
 
     def shown(self, values: Values, stds: Values, most: float = math.inf) -> bool:
-        # of as few periods as any that are tried it would rather have fewer: gravity, a spring, or what one end does
+        # at the fewest periods tried it is rather gravity, a spring, or an end stop
         fewest, _ = self.shape_bounds["periods_per_rev"]
         return values["periods_per_rev"] - stds["periods_per_rev"] > fewest
 
@@ -235,7 +230,7 @@ class Cogging(Effect):
         return changed
 
     def change(self, values: Values) -> Change:
-        # an identified model may have a ripple without its name
+        # an earlier model may contain the ripple under no name
         return "more" if self.known is None else "both"
 
     def sentence(self, where: str, values: Values) -> str:
@@ -250,9 +245,9 @@ class Cogging(Effect):
 
 
 def _along(motion: Motion, target: int) -> list[float]:
-    """Periods to try along what a joint slides: half a one more each time, up to what the low-pass leaves of none.
+    """Periods (per 2 pi m) to try on a prismatic joint: in steps of half a period per stroke, up to what the low-pass removes.
 
-    Along a short stroke all may be finer than any.
+    Some are always tried, even if on a short stroke all are finer than that.
     """
     half = math.pi / max(float(np.ptp(motion.position[:, target])), SHORTEST)
     speed = float(np.sqrt(np.mean(motion.velocity[:, target] ** 2)))
@@ -264,7 +259,7 @@ def _along(motion: Motion, target: int) -> list[float]:
 class JointSpring(Effect):
     """A spring across the joint: a balancer, a cable, a hose.
 
-    Its rest is the position that the joint reports there, with its offset if it has one.
+    Its rest refers to the position that the joint reports, including its offset if there is one.
     """
 
     name = "joint_spring"
@@ -289,7 +284,7 @@ class JointSpring(Effect):
         return motion.joint_column(target, motion.position[:, target], np.ones(len(motion.time)))
 
     def spread(self, typical: np.ndarray, motion: Motion, target: int) -> np.ndarray:
-        """What it does as the joint moves is typical, and so is its mean: both, however far from its zero the joint moves."""
+        """Typical both for its variation as the joint moves and for its mean, however far from zero the joint's range lies."""
         position = motion.position[:, target]
         size, middle = float(np.sqrt(np.mean(position**2))), float(np.mean(position))
         if not size:  # a joint that stays at zero, a gripper's say

@@ -1,8 +1,8 @@
-"""Loose transmissions: the measured position is the motor's, the link lies on one side of the gap or on its way across.
+"""Loose transmissions: the measured position is the motor's; the link rests on one side of the gap or is on its way across.
 
-A motor leaves its side when the load there is gone. From then on the link coasts, so that the two part as fast as the link
-would have to be accelerated to keep up with the motor: what the bodies ask for along the motor's motion, per inertia. That
-is known from the motion alone, whatever the rotor weighs and whatever the controller does meanwhile.
+A motor leaves its side when the load there vanishes. From then on the link coasts, and the two part with the acceleration
+that the link would have needed to follow the motor: the rigid-body effort along the motor's motion, divided by the inertia.
+That is known from the motion alone, whatever the rotor inertia and the controller.
 """
 
 from __future__ import annotations
@@ -18,20 +18,20 @@ from bdnn_ros.effects.plant import Plant
 from bdnn_ros.robot.units import along, printed
 
 CROSSINGS = (5e-4, 0.5)
-"""Shortest and longest way across that is looked for [rad]."""
+"""Shortest and longest crossing that is considered [rad]."""
 TRIED = (0.001, 0.002, 0.0045, 0.01, 0.022, 0.05)
 EARLY = 2.0
-"""A motor's jump shows in the low-passed motion so many standard deviations of the low-pass before it begins."""
+"""The low-passed motion shows a motor's jump this many standard deviations of the low-pass before it begins."""
 FIRST_LOOK = 0.25
-"""Most crossings take less [s]."""
+"""Most crossings take less than this [s]; the search is extended for longer ones."""
 
 
 class Backlash(Effect):
     """Play between motor and link: the link lies half the gap behind, on the side the load pushes it to.
 
-    When the load changes its sign the motor, free of the link, crosses the gap: both part with the acceleration that the
-    link would need to follow the motor's motion, until `crossing` has been passed, which is the gap itself and what the
-    teeth give. The jumps of the motor are in the measured position; the measured effort tells when they begin.
+    When the load changes its sign the motor, free of the link, crosses the gap: the two part with the acceleration that the
+    link would need to follow the motor, until they are `crossing` apart, which is the gap plus the elastic deflection of the
+    teeth. The motor's jumps are in the measured position; the measured effort tells when they begin.
     """
 
     name = "backlash"
@@ -43,6 +43,7 @@ class Backlash(Effect):
         Parameter("gap", "rad", 0.0, 0.5, plausible=(0.002, 0.03)),
         Parameter("crossing", "rad", 0.0, CROSSINGS[1], plausible=(0.002, 0.03), default="gap"),
     )
+    linear = ("gap",)
     equation = "rigid effort of (q - gap / 2 * side(q, link load)) minus rigid effort of q, side from -1 to 1"
     confused_with = ("joint_elasticity", "position_offset", "coulomb_friction", "hysteresis")
     shown_by = "motion in which the load of the joint changes its sign often, in poses of small gravity load"
@@ -64,14 +65,8 @@ class Backlash(Effect):
     def shapes(self, motion: Motion, target: int, link: str | None = None) -> list[dict[str, float]]:
         return [{"crossing": crossing} for crossing in TRIED]
 
-    def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
-        return {"gap": float(coefficients[0]), "crossing": float(shape["crossing"])}
-
-    def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
-        return np.array([values["gap"]]), {"crossing": values["crossing"]}
-
     def shown(self, values: Values, stds: Values, most: float = math.inf) -> bool:
-        # a gap as long as any that is tried would rather be longer, and never be crossed
+        # a crossing at the upper bound is rather one that is never completed
         return values["crossing"] + stds["crossing"] < CROSSINGS[1]
 
     def sentence(self, where: str, values: Values) -> str:
@@ -86,7 +81,7 @@ def side(motion: Motion, target: int, crossing: float) -> np.ndarray:
     """Where in its gap a motor is along a motion, from -1 to 1, (N,).
 
     Args:
-        crossing: how far it is from one side to the other [rad].
+        crossing: distance from one side to the other [rad].
     """
     signals, load = motion.signals, motion.gear_load[:, target]
     parting = motion.link_load[:, target] / motion.inertia[:, target]
@@ -101,9 +96,9 @@ def _sides(load: np.ndarray, parting: np.ndarray, crossing: float, early: int, p
 
     Args:
         load: on the gear, by the measured effort, (M,) [N·m].
-        parting: acceleration with which the motor leaves a link that coasts, (M,) [rad/s²].
-        crossing: way from one side to the other [rad].
-        early: samples by which the motor's jump may show before the load is gone.
+        parting: acceleration with which the motor leaves a coasting link, (M,) [rad/s²].
+        crossing: distance from one side to the other [rad].
+        early: samples by which the low-passed motion may show the jump before the load vanishes.
         period: of the samples [s].
     """
     count, result = len(load), np.empty(len(load))
@@ -122,7 +117,7 @@ def _sides(load: np.ndarray, parting: np.ndarray, crossing: float, early: int, p
 
 
 def _way(parting: np.ndarray, at: float, half: float, period: float) -> np.ndarray:
-    """Where a motor goes in its gap of two halves after it left a side, until it meets one, in units of a half, (K,)."""
+    """A motor's positions in its gap after it left side `at`, until it meets a side, in units of half the gap, (K,)."""
     look = max(round(FIRST_LOOK / period), 2)
     while True:
         way = at + period**2 / half * parting[:look].cumsum().cumsum()
@@ -137,6 +132,6 @@ def _way(parting: np.ndarray, at: float, half: float, period: float) -> np.ndarr
 
 
 def _next(samples: np.ndarray, first: int, none: int) -> int:
-    """The first of ascending samples that is not before another; `none` where there is none."""
+    """The first of ascending sample indices that is not less than `first`; `none` if there is none."""
     where = int(samples.searchsorted(first))
     return int(samples[where]) if where < len(samples) else none

@@ -1,4 +1,4 @@
-"""What every effect says of itself, and how it enters the measured effort."""
+"""What every effect can do: act in a simulation, and explain a measured effort."""
 
 from __future__ import annotations
 
@@ -6,143 +6,38 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass
 from types import MappingProxyType
-from typing import ClassVar, Literal
+from typing import Literal
 
 import numpy as np
 
+from bdnn_ros.effects.declaration import Declaration, Parameter, Values, Where
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.plant import Plant
 from bdnn_ros.robot import Robot
-from bdnn_ros.robot.units import along, printed, shown_as
+from bdnn_ros.robot.units import printed, shown_as
 
-Where = Literal["joint", "link", "base", "all"]
+__all__ = ["NONE_HELD", "SHOWN", "Change", "Effect", "Held", "Parameter", "Values", "Where"]
+
 Change = Literal["more", "less", "both"]
-Values = Mapping[str, float]
-"""Parameter values by name, in the units of the contract."""
 Held = Mapping[str, Sequence[Values]]
-"""What an earlier model has at a place beside its robot: the values of each effect there, by the effect's name."""
+"""Effects of an earlier model at one place, beside its robot: the values of each, by the effect's name."""
 NONE_HELD: Held = MappingProxyType({})
 SHOWN = 2.0
-"""So many standard deviations from nothing is what a recording shows."""
-UNSEEN = 5.0
-"""A standard deviation of so many times what is met in practice says nothing."""
+"""An estimate this many standard deviations from 0 is taken as shown by the recording."""
 
 
-@dataclass(frozen=True)
-class Parameter:
-    """One number of an effect.
+class Effect(Declaration, ABC):
+    """A physical cause that a simulation may leave out.
 
-    Attributes:
-        name, unit: as in the contract; the unit is that of a joint that turns.
-        lower, upper: what is physically possible.
-        plausible: magnitudes met in practice, (low, high); the simulation draws from it.
-        of_effort: the plausible range is a share of the joint's typical effort instead of absolute.
-        believed: what is known of it beforehand: a standard deviation as large says nothing, unless of twice as much.
+    The measured effort is modelled as `rigid effort of the URDF + sum of columns · coefficients`. Coefficients enter
+    linearly; the parameters that do not (a Stribeck velocity, a breakaway distance) are the `shape`, tried on a grid and then
+    refined. `target` is the index of the joint (or of the joint that moves the link), -1 where the effect acts on the base or
+    on all joints.
     """
-
-    name: str
-    unit: str
-    lower: float = -np.inf
-    upper: float = np.inf
-    plausible: tuple[float, float] = (0.0, 1.0)
-    of_effort: bool = False
-    believed: float = np.inf
-    phase: bool = False
-    """An angle on any joint."""
-    default: float | str | None = None
-    """Taken where a specification leaves the parameter out, the name of another takes its value; None where it must be given."""
-
-    def unit_at(self, slides: bool) -> str:
-        """Its unit on a joint that turns, or `slides`."""
-        return self.unit if self.phase else along(self.unit, slides)
-
-    def seen(self, value: float, std: float) -> bool:
-        """Whether a recording says anything of it: that a force is below a hundred kilonewtons is nothing."""
-        usual = 0.0 if self.of_effort else max(map(abs, self.plausible))
-        limit = max(UNSEEN * usual, abs(value)) if usual else np.inf
-        return bool(std < min(max(self.believed, abs(value) / 2.0), limit))
-
-
-class Effect(ABC):
-    """One physical cause a simulation may leave out.
-
-    The measured effort is modelled as `rigid effort of the URDF + sum of columns · coefficients`.
-    Coefficients enter linearly; the parameters that do not (a Stribeck velocity, a breakaway distance) are
-    the `shape`, tried on a grid and then refined. `target` is the index of the joint (or of the joint that
-    moves the link), -1 where the effect acts on the base or on all joints.
-    """
-
-    name: ClassVar[str]
-    variant: ClassVar[str] = ""
-    """Tells classes of one name apart: what drifts, or whether a wrench acts on a joint or a link."""
-    title: ClassVar[str]
-    """What a sentence calls it: "Coulomb friction"."""
-    on: ClassVar[Where]
-    also_on: ClassVar[tuple[Where, ...]] = ()
-    """Where else it may act: a delay on one joint, though it is usually one for all."""
-    parameters: ClassVar[tuple[Parameter, ...]]
-    slides: bool = False
-    """Whether it acts along a joint's axis, and has units of that; see `at`."""
-    equation: ClassVar[str]
-    """Contribution to the resisting effort, with the contract's names."""
-    confused_with: ClassVar[tuple[str, ...]]
-    shown_by: ClassVar[str]
-    """The motion that brings it out."""
-    source: ClassVar[str]
-    coefficient_bounds: ClassVar[tuple[tuple[float, float], ...]]
-    """Lower and upper bound of each linear coefficient."""
-    coefficient_spread: ClassVar[float] = math.inf
-    """Coefficients are rarely larger, whatever the effort; most scale with it."""
-    idealised: ClassVar[float] = 0.01
-    idealised_shapes: ClassVar[frozenset[str]] = frozenset()
-    """No law is exact: so much of each coefficient, and of these shapes, is added to its deviation, whatever the noise."""
-    contains: ClassVar[tuple[str, ...]] = ()
-    """Effects at the same place whose columns are a special case of this one's: this one replaces them."""
-    without: ClassVar[tuple[str, ...]] = ()
-    """Effects that are not looked for beside it at the same place: they would mend what its law leaves."""
-    settles_into: ClassVar[str | None] = None
-    """What becomes of it where the motion lacks the moments that tell it: a gap that is never crossed is an offset."""
-    excess: ClassVar[np.ndarray | None] = None
-    """What of its coefficients it says beyond what it settles into: weights (k,) whose sum is nothing where it says no more."""
-    of_load: ClassVar[bool] = False
-    """Its columns are made from the load, so a better estimate of the load changes them."""
-    of_bodies: ClassVar[bool] = False
-    """Its columns are made from the robot's bodies, so a better estimate of them changes them."""
-    on_body: ClassVar[bool] = False
-    """It is a body or changes one: all joints before it carry it."""
-    at_sensor: ClassVar[bool] = False
-    """It changes what is measured of the effort, not the effort that acts: no joint carries it."""
-    in_drive: ClassVar[bool] = False
-    """It takes its effort before the gear, so that the gear does not carry it."""
-    brief: ClassVar[bool] = False
-    """It acts for moments: its share of a whole recording says little of it."""
-    changing: ClassVar[bool] = False
-    """What it does changes with time, not with the motion alone."""
-    constant: ClassVar[bool] = False
-    """It hardly changes: how far a joint's effort goes up and down says nothing of its size, how large that effort is does."""
-    winding: ClassVar[bool] = False
-    """What it does goes up and down with the position, as what changes with time may where a joint is seldom at a place."""
-    timed: ClassVar[bool] = False
-    """It acts between two times that only the data tell: its `start` and `end`."""
-    parts: ClassVar[tuple[str, ...]] = ()
-    """Parameters of which a motion may show some without the others; a sentence is given NaN for what is not shown."""
-    once: ClassVar[bool] = False
-    """It says how something is, not what is added: two of it at one place contradict each other."""
-    kinematic: ClassVar[bool] = False
-    """It shows in the reported velocity, not in the effort."""
-    may_be_gone: bool = False
-    """Whether there may be nothing at all of what the robot is described with: a tag in a URDF is often a guess."""
-    before: tuple[float, ...] = ()
-    """How much of each coefficient there is already, in a description or an earlier model; empty for nothing."""
-    kept: Values | None = None
-    """The only shape there is, where the effect is a change of what an earlier model has in that shape."""
-    shape_bounds: ClassVar[Mapping[str, tuple[float, float]]] = MappingProxyType({})
-    """Range of each shape parameter that a search may refine; a shape parameter not named here is given."""
 
     def with_defaults(self, given: Values) -> dict[str, float]:
-        """Values with the defaults of those that were left out; what has none may be missing."""
+        """Values completed with the defaults of parameters that were left out; one without a default may stay missing."""
         values = dict(given)
         for parameter in self.parameters:
             default = parameter.default
@@ -164,7 +59,7 @@ class Effect(ABC):
         """What one unit of each linear coefficient adds to the measured effort, (N, n, k) [N·m]."""
 
     def places(self, robot: Robot) -> list[tuple[int, str | None]]:
-        """Where it can sit on a robot: (target, link) pairs."""
+        """Where on a robot it can act: (target, link) pairs."""
         found: list[tuple[int, str | None]] = []
         for where in (self.on, *self.also_on):
             if where == "joint":
@@ -176,26 +71,29 @@ class Effect(ABC):
         return found
 
     def shape_allowed(self, shape: Values) -> bool:
-        """Whether a shape's parameters are inside their bounds."""
+        """Whether a shape's parameters are within `shape_bounds`."""
         ends = self.shape_bounds
         return all(ends[k][0] <= value <= ends[k][1] for k, value in shape.items() if k in ends)
 
     def shapes(self, motion: Motion, target: int, link: str | None = None) -> list[dict[str, float]]:
-        """Shapes to try first; one empty shape where every parameter is linear."""
+        """Shapes to try first; a single empty shape where every parameter is linear."""
         return [{}]
 
-    @abstractmethod
     def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
-        """Parameters of the contract from linear coefficients (k,) and shape."""
+        """Parameters of the contract from linear coefficients (k,) and shape; to be written where `linear` is empty."""
+        every = {**shape, **dict(zip(self.linear, coefficients, strict=True))}
+        return {parameter.name: float(every[parameter.name]) for parameter in self.parameters}
 
-    @abstractmethod
     def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
         """Linear coefficients (k,) and shape from the contract's parameters: the inverse of `values`."""
+        shape = [parameter.name for parameter in self.parameters if parameter.name not in self.linear]
+        return np.array([values[name] for name in self.linear]), {name: values[name] for name in shape}
 
     def believable(self, coefficients: np.ndarray, std: np.ndarray | None = None) -> bool:
-        """Whether fitted coefficients (k,), each inside its bounds, can be such an effect together.
+        """Whether fitted coefficients (k,), each inside its bounds, are physically plausible together.
 
-        What is pressed against the end of what is possible is something else; an effect of nothing is at an end, too.
+        A coefficient at its bound (other than 0) is a sign of another cause. Where the effect may be gone, a coefficient at
+        its lower bound is plausible.
 
         Args:
             std: of the coefficients, where they need not be taken at their word, (k,).
@@ -205,62 +103,74 @@ class Effect(ABC):
         return not [end for value, end in ends if end and math.isclose(value, end, rel_tol=1e-3)]
 
     def shown(self, values: Values, stds: Values, most: float = math.inf) -> bool:
-        """Whether values with these standard deviations may be named, where a joint's effort was never more than `most` [N·m]."""
+        """Whether an estimate with these standard deviations may be reported.
+
+        Args:
+            most: largest magnitude of the joint's effort in the recording [N·m].
+        """
         return True
 
     def strength(self, unit: np.ndarray, usual: np.ndarray) -> np.ndarray:
-        """What units of the coefficients do (n, k) of the usual efforts (n, k), at the joint where that is most, (k,)."""
+        """Effort per unit of each coefficient, relative to the usual effort, at the joint where that ratio is largest, (k,).
+
+        Args:
+            unit: effort of one unit of each coefficient, (n, k).
+            usual: usual effort of each joint, (n, k).
+        """
         return np.asarray((unit / usual).max(axis=0))
 
     def spread(self, typical: np.ndarray, motion: Motion, target: int) -> np.ndarray:
-        """Prior standard deviations of the coefficients (k,): what the effect's nature tells of them.
+        """Prior standard deviations of the coefficients, (k,).
 
         Args:
-            typical: such that each makes a typical share of the effort along the motion, (k,).
+            typical: the ones with which each coefficient makes a typical share of the effort along the motion, (k,).
         """
         return np.where(math.isinf(self.coefficient_spread), typical, self.coefficient_spread)
 
     @property
     def kinds(self) -> np.ndarray:
-        """Kinds of it that are as likely: each has spreads of its coefficients in units of `spread`, (m, k); 0 is nothing."""
+        """Prior standard deviations of equally probable kinds of it, in units of `spread`, (m, k); 0: no such coefficient."""
         return np.ones((1, len(self.coefficient_bounds)))
 
     def points(self, robot: Robot, link: str | None) -> list[dict[str, float]]:
-        """Parts of the shape that say where on its link it acts, each worth a try."""
+        """Points of its link at which it may act, as parts of the shape to be tried."""
         return [{}]
 
     def resolved(self, motion: Motion, target: int, shape: Values) -> bool:
-        """Whether a motion behind its low-pass shows the effect with this shape at all."""
+        """Whether the low-passed motion can show the effect with this shape at all."""
         return True
 
     def echo(self, motion: Motion, target: int, shape: Values) -> tuple[float, float, float] | None:
-        """How much of the effort sensor's noise, differentiated twice, a unit of the coefficient takes from the target's effort
-        [s²·...], the coefficient that the column is exact at, 0 where that is not known, and up to where the noise is heard [Hz].
+        """How the effort sensor's noise enters the column, which is made from the measured effort; None where it does not.
 
-        The same noise is in what the column is to explain. None where the column is free of it.
+        The same noise is in the effort that the column is to explain.
+
+        Returns:
+            How much of the noise, differentiated twice, one unit of the coefficient takes from the target's effort [s²·...]; the
+            coefficient at which the column is exact, 0 where unknown; the frequency up to which the noise passes [Hz].
         """
         return None
 
     def relinearised(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
-        """The shape at which the columns are exact for these coefficients; the same where they always are."""
+        """The shape at which the columns are exact for these coefficients; `shape` itself where they always are."""
         return dict(shape)
 
     def inertials(self, robot: Robot, shape: Values, link: str) -> tuple[int, np.ndarray] | None:
-        """A body, and what one unit of each coefficient adds to its inertial parameters, (PER_LINK, k).
+        """The body it changes, and what a unit of each coefficient adds to its inertial parameters, (PER_LINK, k).
 
-        None for what does not change one.
+        None where it changes no body.
         """
         return None
 
     def general(self, robot: Robot, link: str) -> tuple[int, np.ndarray] | None:
-        """As `inertials`, of a body that is more general than this effect; None where its first shape is good enough.
+        """As `inertials`, of a more general body, to find the first shape with; None where the first of `shapes` is good enough.
 
-        Its first coefficients are those of the effect: a shape follows from them as from its own.
+        Its leading coefficients are those of the effect, so `relinearised` takes them too.
         """
         return None
 
     def at(self, robot: Robot, target: int, link: str | None) -> Effect:
-        """The effect as it is told of a place: with other units where it acts on a joint that slides."""
+        """The effect with the units of its place: those of a prismatic joint where it acts on one."""
         if link is not None or target < 0 or not robot.slides[target]:
             return self
         sliding = copy(self)
@@ -268,7 +178,7 @@ class Effect(ABC):
         return sliding
 
     def had(self, robot: Robot, target: int) -> float:
-        """How much of its first coefficient a robot has."""
+        """How much of its first coefficient a robot's description has."""
         return 0.0
 
     def holds(self, robot: Robot, target: int, held: Held) -> np.ndarray:
@@ -278,18 +188,18 @@ class Effect(ABC):
         return np.asarray(sum(beside, self.had(robot, target) * first))
 
     def since(self, robot: Robot, target: int, link: str | None, held: Held = NONE_HELD) -> Effect:
-        """The effect as a change from an earlier model, which may have had more of it."""
+        """The effect as a change from an earlier model, which may have too much of it."""
         changed = self.with_less(*self.holds(robot, target, held).tolist())
         if changed.may_be_gone and self.name in held and type(self).relinearised is Effect.relinearised:
             changed.kept = self.coefficients(held[self.name][0])[1] or None
         return changed
 
     def against(self, robot: Robot, target: int) -> Effect:
-        """The effect beside a robot that is described with some of it: there may be less, or none."""
+        """The effect as a change from what the robot is described with: there may be less, or none."""
         return self.with_less(*self.holds(robot, target, NONE_HELD).tolist())
 
     def with_less(self, *had: float) -> Effect:
-        """The effect beside what there was of its first coefficients, of which there may be less, by up to all of it."""
+        """The effect as a change from amounts `had` of its first coefficients: it may be negative, down to minus all of it."""
         if not any(had):
             return self
         changed, bounds = copy(self), list(self.coefficient_bounds)
@@ -300,7 +210,10 @@ class Effect(ABC):
         return changed
 
     def change(self, values: Values) -> Change:
-        """Whether there is more of it than a model has, or less: amounts of its first parameter's kind below nothing."""
+        """Whether there is more of it than in the model, or less.
+
+        Judged by the parameters that cannot be negative on their own and have the first one's unit.
+        """
         amounts = [p for p in self.parameters if p.name not in self.shape_bounds and p.lower >= 0.0]
         alike = [p for p in amounts if p.unit == self.parameters[0].unit]
         beyond = [values.get(p.name, p.lower) - p.lower for p in alike]
@@ -309,11 +222,11 @@ class Effect(ABC):
         return "both" if any(one > 0.0 for one in beyond) else "less"
 
     def sentence(self, where: str, values: Values) -> str:
-        """The finding in words, one sentence with its numbers."""
+        """The finding as one sentence with its numbers."""
         known = ((p, shown_as(values[p.name])) for p in self.parameters if p.name in values)
         numbers = ", ".join(f"{p.name} {one} {printed(p.unit_at(self.slides))}".rstrip() for p, one in known)
         than = f"{'of ' * self.title.startswith(('a ', 'an '))}{self.title} than the model"
-        # of a payload there is already the body that carries it
+        # a payload may take mass from the body that carries it: that does not make it "more" of a payload
         again = self.may_be_gone and not self.on_body
         more = f"has more {than}" if again else f"has {self.title} that the model leaves out"
         told = {"more": more, "less": f"has less {than}", "both": f"differs from the model in {self.title}"}

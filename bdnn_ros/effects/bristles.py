@@ -1,4 +1,4 @@
-"""Dry friction before it slides: a bristle that bends (Dahl, A solid friction model, Aerospace Corporation TOR-0158, 1968)."""
+"""Pre-sliding friction: a bristle that bends (Dahl, A solid friction model, Aerospace Corporation TOR-0158, 1968)."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from bdnn_ros.effects.plant import Plant
 from bdnn_ros.signals import Signals
 
 KNOWN = 4.0
-"""Standard deviations by which a bristle's force and travel must exceed nothing: a joint that creeps looks like a short one."""
+"""A bristle's force and travel must be this many standard deviations from 0 and from their bounds: creep looks like a bristle."""
 
 
 def bristle(position: np.ndarray, breakaway: float) -> np.ndarray:
-    """Bend of a Dahl bristle along positions (N,), in [-1, 1], from 0; exact while the direction stays."""
+    """Deflection of a Dahl bristle along positions (N,), in [-1, 1], starting at 0; exact while the direction stays."""
     if len(position) < 2:
         return np.zeros(len(position))
     direction = np.sign(np.diff(position))
@@ -35,12 +35,12 @@ def bristle(position: np.ndarray, breakaway: float) -> np.ndarray:
 
 
 def bristles(motion: Signals, joint: int, breakaway: float) -> np.ndarray:
-    """Bend of a joint's bristle along a motion, (N,): each gap-free segment begins unbent."""
+    """Deflection of a joint's bristle along a motion, (N,); 0 at the start of each gap-free segment."""
     return np.concatenate([bristle(motion.position[rows, joint], breakaway) for rows in motion.segments])
 
 
 class Hysteresis(Effect):
-    """Pre-sliding friction: a bristle that is bent over the distance `breakaway` before it slides (Dahl)."""
+    """Pre-sliding friction: a bristle that bends over the distance `breakaway` before it slides (Dahl)."""
 
     name = "hysteresis"
     title = "pre-sliding friction"
@@ -50,6 +50,7 @@ class Hysteresis(Effect):
         Parameter("force", "N*m", 0.0, plausible=(0.05, 0.4), of_effort=True),
         Parameter("breakaway", "rad", 1e-4, 0.5, plausible=(0.01, 0.1)),
     )
+    linear = ("force",)
     equation = "F with dF/dq = (force / breakaway) * (1 - sign(qd) * F / force)"
     confused_with = ("coulomb_friction", "joint_elasticity", "backlash", "stribeck_friction")
     shown_by = "many small reversals, of about the breakaway distance, beside large ones"
@@ -60,7 +61,7 @@ class Hysteresis(Effect):
     shape_bounds = MappingProxyType({"breakaway": (1e-3, 0.3)})
 
     def shown(self, values: Values, stds: Values, most: float = math.inf) -> bool:
-        # one as short as any that is tried would rather be shorter, no bristle at all; as long, longer: a spring, or a drift
+        # at the lower bound it is rather no bristle at all, at the upper bound a spring or a drift
         travel, (low, high) = values["breakaway"], self.shape_bounds["breakaway"]
         beyond = min(travel - low, high - travel)
         known = abs(values["force"]) > KNOWN * stds["force"] and beyond > KNOWN * stds["breakaway"]
@@ -87,9 +88,3 @@ class Hysteresis(Effect):
 
     def shapes(self, motion: Motion, target: int, link: str | None = None) -> list[dict[str, float]]:
         return [{"breakaway": float(b)} for b in np.geomspace(0.005, 0.12, 5)]
-
-    def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
-        return {"force": float(coefficients[0]), "breakaway": float(shape["breakaway"])}
-
-    def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
-        return np.array([values["force"]]), {"breakaway": values["breakaway"]}

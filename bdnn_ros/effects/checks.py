@@ -1,4 +1,4 @@
-"""Whether an effect can be where it is said to be, and with those numbers: of specifications and of files alike."""
+"""Whether an effect can act at its stated place with its stated numbers: for specifications and files alike."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ FOUND = {
     "scale": (1e-3, 1e3),
     "delay": (-math.inf, math.inf),
 }
-"""Wider bounds of what fits may find, one on top of another: the rest of a weak spring, a tilt, a filter at a high rate."""
+"""Wider bounds for what successive fits may find: the rest of a weak spring, a tilt, a filter at a high rate."""
 LESS = ("payload", "effort_delay")
-"""Effects of which a file may have less than an earlier model had, beside those of what a robot is described with."""
+"""Effects that a file may have a negative amount of, as a change, besides those that a robot is described with."""
 ROUNDED = 1e-6
-"""A value that a fit put on its bound may be so far beyond it."""
+"""Rounding by which a fitted value may exceed its bound."""
 
 
 def having(choices: tuple[Effect, ...], given: Iterable[str]) -> tuple[Effect, ...]:
-    """The variants that have all these parameters; all where none has."""
+    """The variants that have all these parameters; all variants if none has."""
     given = set(given)
     return tuple(c for c in choices if given <= {p.name for p in c.parameters}) or choices
 
 
 def as_found(effect: Effect, parameter: Parameter) -> Parameter:
-    """A parameter with the bounds of what a fit may find: of what a description or an earlier model had there may be less."""
+    """A parameter with the bounds that a fit's result may have: it may be negative where it changes an existing amount."""
     lower, upper = FOUND.get(parameter.name, (parameter.lower, parameter.upper))
     first = effect.parameters[0]
     described = type(effect).had is not Effect.had and parameter.unit == first.unit
@@ -42,7 +42,7 @@ def as_found(effect: Effect, parameter: Parameter) -> Parameter:
 
 
 def placed(spec: str, choices: Sequence[Effect], place: str, robot: Robot) -> tuple[Effect, int, str | None]:
-    """Which of the variants acts there, the joint's index and the link."""
+    """The variant that acts at a place, the joint's index and the link."""
     kinds = _kinds(choices)
     if place in ("", "base", "all"):
         anywhere = kinds.get("base") or kinds.get("all")
@@ -62,7 +62,7 @@ def placed(spec: str, choices: Sequence[Effect], place: str, robot: Robot) -> tu
 
 
 def _kinds(choices: Sequence[Effect]) -> dict[Where, Effect]:
-    """On what kinds of place one of the variants acts, and which."""
+    """The kinds of places on which the variants act, each with the first variant that does."""
     kinds: dict[Where, Effect] = {}
     for effect in choices:
         for where in (effect.on, *effect.also_on):
@@ -73,7 +73,7 @@ def _kinds(choices: Sequence[Effect]) -> dict[Where, Effect]:
 def placed_by_key(
     spec: str, choices: Sequence[Effect], joint: str | None, link: str | None, robot: Robot
 ) -> tuple[Effect, int, str | None]:
-    """As `placed`, where it is known whether the place is a joint or a link."""
+    """As `placed`, where a key states whether the place is a joint or a link."""
     name, kinds = choices[0].name, _kinds(choices)
     if joint is not None and link is not None:
         raise UsageError(f"{name} is given a joint and a link.", "Leave one of them out.")
@@ -88,7 +88,7 @@ def placed_by_key(
 
 
 def _places(kinds: dict[Where, Effect], robot: Robot) -> str:
-    """Where an effect may act, for a message."""
+    """The places where an effect may act, for a message."""
     places = {
         "joint": f"a joint ({listed(robot.joints, 20)})",
         "link": f"a link ({listed(robot.links, 20)})",
@@ -105,7 +105,7 @@ def checked(
     parameters: Sequence[Parameter] = (),
     slack: float = 0.0,
 ) -> dict[str, float]:
-    """Numbers within their bounds, those of the effect or of other `parameters`, defaults filled in."""
+    """Numbers checked against the bounds of the effect (or of other `parameters`), with defaults filled in."""
     known = {parameter.name: parameter for parameter in parameters or effect.parameters}
     unknown = [key for key in given if key not in known]
     if unknown:
@@ -139,7 +139,7 @@ def refuse_odd(
     values: Mapping[str, float],
     slack: float = 0.0,
 ) -> None:
-    """Refuses a value that is out of bounds or contradicts what was given."""
+    """Refuses a value that is out of bounds or contradicts the given ones."""
     value = values[parameter.name]
     _refuse_outside(spec, parameter, value, slack, None if parameter.name in given else given)
     if abs(given.get(parameter.name, value) - value) > 1e-6:
@@ -155,7 +155,7 @@ def _refuse_outside(
     slack: float = 0.0,
     given: Mapping[str, float] | None = None,
 ) -> None:
-    """Refuses a value that is out of bounds; where it is not `given` itself, it says what made it so."""
+    """Refuses a value that is out of bounds; if it was computed, the message names the `given` values that it follows from."""
     if parameter.lower - slack <= value <= parameter.upper + slack and not math.isnan(value):
         return
     if given is None:
@@ -167,7 +167,7 @@ def _refuse_outside(
 
 
 def _range(parameter: Parameter) -> str:
-    """Where a parameter lies, for a message."""
+    """A parameter's range, for a message."""
     lower, upper = parameter.lower, parameter.upper
     unit = "" if parameter.unit == "-" else " " + parameter.unit.replace("*", "·")
     if math.isfinite(lower) and math.isfinite(upper):

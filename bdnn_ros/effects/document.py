@@ -78,7 +78,7 @@ def _number(value: float) -> str:
 
 
 def _summary(effect: Effect) -> str:
-    """The first paragraph of what the class says that gives the effect its name."""
+    """The first paragraph of the docstring of the class that gives the effect its name."""
     named = next(kind for kind in type(effect).__mro__ if "name" in vars(kind))
     return " ".join((named.__doc__ or "").split("\n\n")[0].split()).rstrip(".")
 

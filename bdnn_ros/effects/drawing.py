@@ -18,20 +18,20 @@ from bdnn_ros.signals import Signals
 
 EFFECTS_TRIED, SIZES_TRIED = 60, 40
 SIZINGS = 4
-"""An effect that is not linear in its size is scaled so many times more."""
+"""Further scalings of an effect that is not linear in its size."""
 BEYOND_PLAUSIBLE = 1.5
-"""A parameter may be scaled so far beyond its plausible range to reach the share asked for."""
+"""Factor by which a parameter may exceed its plausible range to reach the share asked for."""
 EFFORT_SHARE = 0.95
-"""Largest effort per limit with the effect."""
+"""Largest effort with the effect, as a share of the joint's limit."""
 TELLING = 0.05
-"""What an effect adds to a simpler one that it contains, per spread of the effort: less makes little difference."""
+"""Least part of the effort's spread by which an effect must differ from every simpler one that it contains."""
 NEVER_SCALED = ("start", "end", "mass", "nominal_mass", *POINT)
 CONTACT = 0.1
-"""A hand pushes a link so far from its origin, along each axis [m]."""
+"""Largest distance of a contact from the link's origin along each axis [m]."""
 LEAST_STIFF = 1.0
-"""No gear of an arm that others lean on is softer [N·m/rad] ([N/m])."""
+"""Least stiffness of an arm's gear [N·m/rad] ([N/m])."""
 LEAST_SCALED = 0.2
-"""A link off by less is one of many that are."""
+"""Least relative error of a link's inertia: many links are off by less."""
 
 
 def draw(
@@ -109,7 +109,7 @@ def contribution(one: Installed, motion: Motion) -> np.ndarray:
 def _values(
     effect: Effect, target: int, motion: Motion, link: str | None, rng: np.random.Generator
 ) -> dict[str, float]:
-    """Parameters from their plausible ranges; sizes come later."""
+    """Parameters drawn from their plausible ranges; `_sized` scales them afterwards."""
     typical = float(np.std(motion.load[:, target])) if target >= 0 else 1.0
     values: dict[str, float] = {}
     for parameter in effect.parameters:
@@ -135,7 +135,7 @@ def _values(
 
 
 def _point(effect: Effect, robot: Robot, link: str | None, rng: np.random.Generator) -> dict[str, float]:
-    """Where on its link a wrench acts: a place that everyone knows, or anywhere near it, where only a force can."""
+    """Point of its link where a wrench acts: one that a diagnosis tries, or a random one near the origin with a pure force."""
     known = effect.points(robot, link)
     chosen = int(rng.integers(len(known) + (link is not None)))
     if chosen < len(known):
@@ -153,14 +153,14 @@ def _sized(
     share: float,
     tries: int = SIZINGS,
 ) -> Installed | None:
-    """The effect scaled to a share of the effort, or None where it cannot be or makes no sense."""
+    """The effect scaled to a share of the effort; None if impossible or implausible."""
     if effect.kinematic:
         return Installed(effect, target, link, values)
     coefficients, shape = effect.coefficients(values)
     added = effect.columns(motion, target, shape, link) @ coefficients
     spread = np.maximum(np.std(motion.load, axis=0), 1e-9)
     size = np.sqrt(np.mean(added**2, axis=0))
-    # a gram at the last joint is much for that joint's effort, and nothing to the arm that carries it
+    # of a body: at the joint where it adds most, as a gram at the last joint is much there but nothing to the arm
     reached = float((size / spread)[np.argmax(size if effect.on_body else size / spread)])
     if reached < 1e-6:
         return None
@@ -180,7 +180,7 @@ def _sized(
 
 
 def _told(effect: Effect, target: int, added: np.ndarray, motion: Motion) -> float:
-    """Root mean square, per spread of the effort, that no single simpler effect it contains says of it."""
+    """Root mean square, per spread of the effort, of what no single simpler effect contained in it can explain."""
     if target < 0 or not effect.contains:
         return np.inf
     here, spread = added[:, target], max(float(np.std(motion.load[:, target])), 1e-9)

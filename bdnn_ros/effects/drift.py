@@ -1,4 +1,4 @@
-"""Parameters that drift: what changes slowly over a recording."""
+"""Parameters that drift slowly during a recording."""
 
 from __future__ import annotations
 
@@ -25,7 +25,8 @@ class Drift(Effect):
     name = "drift"
     on = "joint"
     of: ClassVar[Effect]
-    """What it is while it does not change."""
+    """The effect whose parameter drifts."""
+    linear = ("start_value", "end_value")
     changing = True
     excess = np.array((-1.0, 1.0))
     shown_by = "the same motion early and late in a long recording"
@@ -36,18 +37,6 @@ class Drift(Effect):
 
     def shapes(self, motion: Motion, target: int, link: str | None = None) -> list[dict[str, float]]:
         return [{"start": float(motion.time[0]), "end": float(motion.time[-1])}]
-
-    def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
-        return {
-            "start_value": float(coefficients[0]),
-            "end_value": float(coefficients[1]),
-            "start": float(shape["start"]),
-            "end": float(shape["end"]),
-        }
-
-    def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
-        shape = {key: values[key] for key in ("start", "end")}
-        return np.array([values["start_value"], values["end_value"]]), shape
 
     def had(self, robot: Robot, target: int) -> float:
         return self.of.had(robot, target)
@@ -72,7 +61,7 @@ TIMES = (Parameter("start", "s", default=0.0), Parameter("end", "s", default=np.
 class DriftingCoulomb(Drift):
     """Coulomb friction that changes over the recording.
 
-    Its values count from what the model has throughout, negative where there is less; its sentence tells all there is.
+    Its values count from the model's constant value, negative where there is less; its sentence gives the total.
     """
 
     variant = "coulomb"
@@ -103,7 +92,7 @@ class DriftingCoulomb(Drift):
 class DriftingViscous(Drift):
     """Viscous friction that changes over the recording.
 
-    Its values count from what the model has throughout, negative where there is less; its sentence tells all there is.
+    Its values count from the model's constant value, negative where there is less; its sentence gives the total.
     """
 
     variant = "viscous"
@@ -132,7 +121,7 @@ class DriftingViscous(Drift):
 class DriftingOffset(Drift):
     """An effort offset that changes over the recording; effort that acts = measured + offset.
 
-    Its values count from what the model has throughout; its sentence tells all there is.
+    Its values count from the model's constant value; its sentence gives the total.
     """
 
     variant = "offset"
@@ -159,7 +148,7 @@ class DriftingOffset(Drift):
 
 
 def ramp(values: Values, duration: float) -> Callable[[float], float]:
-    """The drifting parameter against time [s], held outside of `start` to `end`, which is by default the recording's."""
+    """The drifting parameter against time [s], constant outside `start` to `end` (by default the recording's)."""
     first, last = values["start_value"], values["end_value"]
     start, end = values["start"], values["end"] if np.isfinite(values["end"]) else duration
     slope = (last - first) / max(end - start, 1e-9)
@@ -167,7 +156,7 @@ def ramp(values: Values, duration: float) -> Callable[[float], float]:
 
 
 def _ramped(motion: Motion, shape: Values, column: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """A column weighted towards the start and towards the end of the ramp, which is held outside of it."""
+    """A column weighted towards the start and towards the end of the ramp, which is constant outside."""
     progress = (motion.time - shape["start"]) / max(shape["end"] - shape["start"], 1e-9)
     progress = np.clip(progress, 0.0, 1.0)
     return (1.0 - progress) * column, progress * column

@@ -20,13 +20,13 @@ FORCE = ("force_x", "force_y", "force_z")
 TORQUE = ("torque_x", "torque_y", "torque_z")
 COMPONENTS = FORCE + TORQUE
 SHORTEST = 0.3
-"""A push lasts so long [s]: what is shorter, no low-pass leaves much of."""
+"""Least duration of a push [s]: the low-pass leaves little of a shorter one."""
 MOST_APART = 100.0
-"""Parts of a wrench are of like size: what hardly acts is believed to be so many times as large as what acts most, no more."""
+"""Largest ratio of the components' prior standard deviations: a component that has little effect is not believed any larger."""
 STRONG = 100.0
-"""A force is believed to be no larger than this [N] or than what the robot weighs."""
+"""Largest prior standard deviation of a force [N], or the robot's weight where that is more."""
 SAME_POINT = 0.005
-"""Points nearer to each other are one [m]."""
+"""Points nearer to each other than this count as one [m]."""
 EDGES = ("start", "end")
 """Its parameters that are moments of the recording [s]."""
 WINDOW = (
@@ -37,7 +37,7 @@ HADDADIN = "Haddadin, De Luca, Albu-Schäffer, Robot collisions: a survey, IEEE 
 
 
 class Push(Effect):
-    """What the environment does to the robot between two times."""
+    """Contact with the environment between two times."""
 
     name = "external_wrench"
     brief = True
@@ -55,18 +55,18 @@ class Push(Effect):
 
     @abstractmethod
     def pulls(self, motion: Motion, target: int, link: str | None = None) -> np.ndarray:
-        """What the columns of one that never ends are made of, wherever it acts, (N, n, K)."""
+        """Columns of a contact without end, before they are mixed (see `mixing`), (N, n, K)."""
 
     @abstractmethod
     def mixing(self, shape: Values) -> np.ndarray:
-        """How much of each of them is in the columns, (K, k)."""
+        """Weights of `pulls` in the columns, (K, k)."""
 
 
 class ExternalWrench(Push):
     """A constant force and torque of the environment on a link, in the base's axes, between two times.
 
-    It acts at a point that moves with the link; a diagnosis tries the origin of the frame, the centre of mass, and where
-    a force alone explains most.
+    It acts at a point fixed to the link; a diagnosis tries the origin of the frame, the centre of mass, and the point where a
+    pure force explains most.
     """
 
     variant = "link"
@@ -78,6 +78,7 @@ class ExternalWrench(Push):
         *(Parameter(c, "N*m", plausible=(-1.0, 1.0), default=0.0) for c in TORQUE),
         *(Parameter(c, "m", -1.0, 1.0, plausible=(0.0, 0.0), default=0.0) for c in POINT),
     )
+    linear = COMPONENTS
     equation = "-J_point(q)' * (force, torque) where start <= t < end"
     confused_with = ("payload", "effort_offset", "drift")
     parts = COMPONENTS
@@ -107,7 +108,7 @@ class ExternalWrench(Push):
         return mixed
 
     def strength(self, unit: np.ndarray, usual: np.ndarray) -> np.ndarray:
-        # who pushes a link does not mind how weak the last joints are: as a share of what all joints do together
+        # relative to the effort of all joints together: a contact's size does not depend on how weak the last joints are
         return np.asarray(np.linalg.norm(unit, axis=0) / np.linalg.norm(usual, axis=0))
 
     def spread(self, typical: np.ndarray, motion: Motion, target: int) -> np.ndarray:
@@ -117,7 +118,7 @@ class ExternalWrench(Push):
         return spread
 
     def displaced(self, force: np.ndarray) -> np.ndarray:
-        """As `mixing`, of what each metre of the point along the link's axes adds under a force (3,) [N], (K, 3)."""
+        """As `mixing`, for the effort that a force (3,) [N] adds per metre of the point along each of the link's axes, (K, 3)."""
         return np.vstack([np.zeros((len(COMPONENTS), 3)), -np.kron(force[:, None], np.eye(3))])
 
     def shapes(self, motion: Motion, target: int, link: str | None = None) -> list[dict[str, float]]:
@@ -130,16 +131,6 @@ class ExternalWrench(Push):
         centre = rotation.T @ (np.array(moment) / max(mass, 1e-9) - translation)
         places = [np.zeros(3)] + [centre] * bool(np.linalg.norm(centre) > SAME_POINT)
         return [dict(zip(POINT, place.tolist(), strict=True)) for place in places]
-
-    def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
-        components = dict(zip(COMPONENTS, (float(c) for c in coefficients), strict=True))
-        shape = {key: float(shape[key]) for key in ("start", "end", *POINT)}
-        return {"start": shape.pop("start"), "end": shape.pop("end"), **components, **shape}
-
-    def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
-        return np.array([values[c] for c in COMPONENTS]), {
-            key: values[key] for key in ("start", "end", *POINT)
-        }
 
     def shown(self, values: Values, stds: Values, most: float = math.inf) -> bool:
         return any(abs(values[c]) > SHOWN * stds[c] for c in COMPONENTS)
@@ -160,6 +151,7 @@ class ExternalTorque(Push):
     title = "an external torque"
     on = "joint"
     parameters = (*WINDOW, Parameter("torque", "N*m", plausible=(-0.5, 0.5), of_effort=True))
+    linear = ("torque",)
     equation = "-torque where start <= t < end"
     confused_with = ("payload", "effort_offset", "drift")
     coefficient_bounds = ((-np.inf, np.inf),)
@@ -179,12 +171,6 @@ class ExternalTorque(Push):
     def shapes(self, motion: Motion, target: int, link: str | None = None) -> list[dict[str, float]]:
         return windows(motion)
 
-    def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
-        return {"start": float(shape["start"]), "end": float(shape["end"]), "torque": float(coefficients[0])}
-
-    def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
-        return np.array([values["torque"]]), {key: values[key] for key in ("start", "end")}
-
     def sentence(self, where: str, values: Values) -> str:
         verb = "pushes" if self.slides else "turns"
         return (
@@ -194,16 +180,16 @@ class ExternalTorque(Push):
 
 
 def window(motion: Motion, shape: Values) -> np.ndarray:
-    """How much of each sample's period lies between `start` and `end`, as soft as the effort is, (N,) in 0 to 1.
+    """Share of each sample's period that lies between `start` and `end`, softened as the effort, (N,) in 0 to 1.
 
-    The arm hardly moves while an edge passes the low-pass, so that a column may be weighed with it.
+    The arm hardly moves while an edge passes the low-pass, so columns may be multiplied by it.
     """
     begun, over = (_past(motion, shape[edge]) for edge in EDGES)
     return motion.signals.soften(begun - over)
 
 
 def edge_rates(motion: Motion, shape: Values) -> np.ndarray:
-    """Change of a push's window per second that its start, and its end, come later, (N, 2) [1/s]."""
+    """Change of a push's window per second of delay of its start, and of its end, (N, 2) [1/s]."""
     step = 1.0 / motion.signals.rate
     earlier, later = (
         np.stack([_past(motion, shape[edge] + by) for edge in EDGES], axis=1) for by in (-step, step)
@@ -212,7 +198,7 @@ def edge_rates(motion: Motion, shape: Values) -> np.ndarray:
 
 
 def _past(motion: Motion, moment: float) -> np.ndarray:
-    """How much of each sample's period lies after a moment [s], (N,) in 0 to 1."""
+    """Share of each sample's period that lies after a moment [s], (N,) in 0 to 1."""
     return np.clip((motion.time - moment) * motion.signals.rate + 0.5, 0.0, 1.0)
 
 

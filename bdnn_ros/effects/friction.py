@@ -1,4 +1,4 @@
-"""Friction of joints and drives; it resists the motion, so it adds to the measured effort with its sign."""
+"""Friction of joints and drives. It resists the motion, so it adds to the measured effort with the sign of the velocity."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ ARMSTRONG = (
 )
 BONA = "Bona, Indri, Friction compensation in robotics: an overview, CDC 2005"
 RESOLVED = 0.25
-"""A Stribeck velocity that is passed within this share of the low-pass's standard deviation cannot be told from sticking."""
+"""A Stribeck velocity that the joint passes within this share of the low-pass's standard deviation looks like sticking."""
 FALLING = 2.0
-"""Friction falls where it is there: its Stribeck velocity is no less than this many times that at which all of it is."""
+"""Least Stribeck velocity, per velocity at which dry friction has fully built up: it can only fall from there."""
 SLIDING = {
     "coulomb_friction": ("coulomb", "coulomb"),
     "stribeck_friction": ("coulomb", "coulomb"),
     "asymmetric_friction": ("positive", "negative"),
     "hysteresis": ("force", "force"),
 }
-"""What slides with dry friction, and the parameters that say how much of it there is ahead and back, however fast."""
+"""Dry friction effects, and the parameters that give their level forwards and backwards at any speed."""
 
 
 class DryFriction(Effect):
-    """What stands for all of a joint's dry friction, also that which it is described with."""
+    """An effect that accounts for all of a joint's dry friction, including that of the robot's description."""
 
     on = "joint"
     in_drive = True
@@ -40,7 +40,7 @@ class DryFriction(Effect):
         return float(robot.coulomb[target])
 
     def ways(self, robot: Robot, target: int, held: Held) -> np.ndarray:
-        """All dry friction that an earlier model has at a joint ahead and back, (2,) [N·m], whatever it is called."""
+        """All dry friction that an earlier model has at a joint, forwards and backwards, (2,) [N·m], of whatever effect."""
         each = ([one[p] for p in ways] for name, ways in SLIDING.items() for one in held.get(name, ()))
         return np.asarray(self.had(robot, target) + sum(map(np.array, each), np.zeros(2)))
 
@@ -54,6 +54,7 @@ class CoulombFriction(DryFriction):
     name = "coulomb_friction"
     title = "Coulomb friction"
     parameters = (Parameter("coulomb", "N*m", 0.0, plausible=(0.05, 0.4), of_effort=True),)
+    linear = ("coulomb",)
     equation = "coulomb * sign(qd)"
     confused_with = ("asymmetric_friction", "stribeck_friction", "hysteresis", "viscous_friction", "backlash")
     shown_by = "reversals at several speeds, some of them slow"
@@ -67,12 +68,6 @@ class CoulombFriction(DryFriction):
     def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
         return motion.sharp_column(target, motion.direction[:, target])
 
-    def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
-        return {"coulomb": float(coefficients[0])}
-
-    def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
-        return np.array([values["coulomb"]]), {}
-
 
 class ViscousFriction(Effect):
     """Friction in proportion to the velocity."""
@@ -82,6 +77,7 @@ class ViscousFriction(Effect):
     on = "joint"
     in_drive = True
     parameters = (Parameter("viscous", "N*m*s/rad", 0.0, plausible=(0.05, 0.5), of_effort=True),)
+    linear = ("viscous",)
     equation = "viscous * qd"
     confused_with = ("quadratic_drag", "coulomb_friction", "effort_delay")
     shown_by = "constant velocities over the whole range of speed, slow and fast"
@@ -96,18 +92,12 @@ class ViscousFriction(Effect):
     def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
         return motion.joint_column(target, motion.velocity[:, target])
 
-    def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
-        return {"viscous": float(coefficients[0])}
-
-    def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
-        return np.array([values["viscous"]]), {}
-
     def had(self, robot: Robot, target: int) -> float:
         return float(robot.viscous[target])
 
 
 class StribeckFriction(DryFriction):
-    """Dry friction that falls from `static` at rest to `coulomb` within some multiples of `velocity`."""
+    """Dry friction that falls from `static` at rest to `coulomb` as the speed passes the Stribeck `velocity`."""
 
     name = "stribeck_friction"
     title = "Stribeck friction"
@@ -146,17 +136,19 @@ class StribeckFriction(DryFriction):
         return [shape for shape in tried if self.resolved(motion, target, shape)] or tried[-1:]
 
     def resolved(self, motion: Motion, target: int, shape: Values) -> bool:
-        """Whether the joint takes a good part of the low-pass's width to pass the velocity, and all of its friction is there by
-        then."""
+        """Whether the motion can show this Stribeck velocity.
+
+        The joint must take a good part of the low-pass's width to pass it, and dry friction must have fully built up by then.
+        """
         usual, creep = motion.usual_acceleration[target], motion.signals.creep
         least = 0.0 if creep is None else FALLING * float(creep[target, :2].max())
         return bool(shape["velocity"] >= max(RESOLVED * usual * motion.signals.kernel_std, least))
 
     def shown(self, values: Values, stds: Values, most: float = math.inf) -> bool:
-        # a fall as slow or as fast as any that is tried would rather be slower (sticking) or faster (drag)
+        # at the lower bound it is sticking rather than a Stribeck velocity, at the upper bound drag
         velocity, (low, high) = values["velocity"], self.shape_bounds["velocity"]
         inside = low + stds["velocity"] < velocity < high - stds["velocity"]
-        # slow moments may be so few that any height fits: what was never measured would hold the joint for ever
+        # with few slow samples any static friction fits, even one beyond all measured efforts
         return inside and values["static"] <= most
 
     def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
@@ -177,6 +169,7 @@ class AsymmetricFriction(DryFriction):
         Parameter("positive", "N*m", 0.0, plausible=(0.05, 0.4), of_effort=True),
         Parameter("negative", "N*m", 0.0, plausible=(0.0, 0.4), of_effort=True),
     )
+    linear = ("positive", "negative")
     equation = "positive where qd > 0, -negative where qd < 0"
     confused_with = ("coulomb_friction", "effort_offset")
     shown_by = "both directions in equal parts, in several poses"
@@ -198,21 +191,16 @@ class AsymmetricFriction(DryFriction):
     def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
         return motion.sharp_column(target, *motion.ways(target))
 
-    def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
-        return {"positive": float(coefficients[0]), "negative": float(coefficients[1])}
-
-    def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
-        return np.array([values["positive"], values["negative"]]), {}
-
 
 class LoadDependentFriction(Effect):
-    """Dry friction in proportion to the effort that the gear carries."""
+    """Dry friction in proportion to the effort that the gear transmits."""
 
     name = "load_dependent_friction"
     title = "load-dependent friction"
     on = "joint"
     in_drive = True
     parameters = (Parameter("ratio", "-", 0.0, 0.9, plausible=(0.05, 0.3)),)
+    linear = ("ratio",)
     equation = "ratio * abs(effort) * sign(qd)"
     confused_with = ("coulomb_friction", "effort_scale")
     shown_by = "both directions under small and under large load"
@@ -231,12 +219,6 @@ class LoadDependentFriction(Effect):
     def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
         return motion.sharp_column(target, np.abs(motion.load[:, target]) * motion.direction[:, target])
 
-    def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
-        return {"ratio": float(coefficients[0])}
-
-    def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
-        return np.array([values["ratio"]]), {}
-
 
 class QuadraticDrag(Effect):
     """Drag in proportion to the square of the velocity (churning grease, fans, fluids)."""
@@ -246,6 +228,7 @@ class QuadraticDrag(Effect):
     on = "joint"
     in_drive = True
     parameters = (Parameter("drag", "N*m*s^2/rad^2", 0.0, plausible=(0.05, 0.5), of_effort=True),)
+    linear = ("drag",)
     equation = "drag * abs(qd) * qd"
     confused_with = ("viscous_friction",)
     shown_by = "the highest speeds beside slow ones"
@@ -259,9 +242,3 @@ class QuadraticDrag(Effect):
     def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
         velocity = motion.velocity[:, target]
         return motion.joint_column(target, np.abs(velocity) * velocity)
-
-    def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
-        return {"drag": float(coefficients[0])}
-
-    def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
-        return np.array([values["drag"]]), {}

@@ -1,4 +1,4 @@
-"""A motion as effects see it: its signals, the robot, and the load its joints carry."""
+"""A motion as effects see it: signals, the robot, and the load on its joints."""
 
 from __future__ import annotations
 
@@ -13,28 +13,28 @@ from bdnn_ros.robot.axes import turns_all
 from bdnn_ros.signals import LEAST_CUTOFF, Signals
 
 CALM = 3.0
-"""What a motion does is slower than this many times its root mean square frequency."""
+"""A motion has no content beyond this many times its root mean square frequency."""
 LIGHTEST = 1e-9
-"""Some descriptions give their last links no inertia at all [kg·m²]."""
+"""Least inertia of a joint: some descriptions give their last links none at all [kg·m²]."""
 SPARSE = 50
-"""One sample in so many is enough for a mean."""
+"""A mean takes every so many-th sample."""
 OF_MOTION = ("regressor", "_pulls", "calm")
-"""Cached, and the same whatever the bodies and the load are."""
+"""Cached results that depend neither on the bodies nor on the load."""
 OF_BODIES = ("link_load", "_slopes", "inertia", "gravity_pulls", "usual_inertia")
-"""Cached, and the same whatever the load is."""
+"""Cached results that do not depend on the load."""
 
 
 @dataclass(frozen=True)
 class Motion:
-    """A motion as effects see it: signals, the robot they belong to, and the load its joints carry.
+    """A motion as effects see it: signals, the robot they belong to, and the load on its joints.
 
     Attributes:
         signals: low-passed motion, N working samples.
         robot: the simulation's robot (or the current estimate of it).
         load: effort that really acts at each joint, noise-free estimate (from a model), (N, n) [N·m].
-        drive: the part of it that drives take before the gear (effects with `in_drive`), (N, n), if known.
-        level: the robot whose bodies a tilt turns, where errors of `robot`'s bodies are counted as it stands already; else
-            None, and a tilt turns all of them.
+        drive: the part of it that is spent before the gear (effects with `in_drive`), (N, n), if known.
+        level: the robot that a base tilt is applied to, where the errors of `robot`'s bodies were estimated with the tilt
+            it already has; None: `robot` itself.
         springs: stiffness of springs across the joints, behind their gears, (n,) [N·m/rad], if known.
         scale: effort that really acts per measured effort, (n,), if known.
         zeros: offsets of the measured positions, (n,) [rad], as far as they are known.
@@ -75,9 +75,10 @@ class Motion:
         return self.signals.direction
 
     def ways(self, target: int) -> tuple[np.ndarray, np.ndarray]:
-        """How much of a joint's dry friction is there ahead, from 0 to 1, and back, from -1 to 0, (N,) each.
+        """Dry friction of a joint relative to its full size, forwards (0 to 1) and backwards (-1 to 0), (N,) each.
 
-        Friction that comes on alike either way is that of a joint that turns round: the share of time that it goes ahead.
+        If it builds up with velocity alike both ways, that is a joint reversing within the sample period: each way has its
+        share of time.
         """
         way, creep = self.direction[:, target], self.signals.creep
         if creep is None or creep[target, 0] == creep[target, 1]:
@@ -86,24 +87,24 @@ class Motion:
 
     @cached_property
     def measured_load(self) -> np.ndarray:
-        """The load in the units of its sensors, (N, n) [N·m]."""
+        """The load in the effort sensors' (possibly wrong) units, (N, n) [N·m]."""
         return self.load if self.scale is None else self.load / self.scale
 
     @cached_property
     def load_rate(self) -> np.ndarray:
-        """Time derivative of the load in the units of its sensors, (N, n) [N·m/s]."""
+        """Time derivative of the load in the effort sensors' units, (N, n) [N·m/s]."""
         return self.derivative(self.measured_load)
 
     @cached_property
     def link_load(self) -> np.ndarray:
-        """Effort of the bodies alone, drive friction and rotor left out, (N, n) [N·m]."""
+        """Rigid-body effort alone, without friction and rotor inertia, (N, n) [N·m]."""
         return self.robot.rigid_effort(self.position, self.velocity, self.acceleration)
 
     @cached_property
     def gear_load(self) -> np.ndarray:
-        """As `link_load`, from the measured effort less what the drives take, (N, n) [N·m].
+        """As `link_load`, but from the measured effort less what the drives take, (N, n) [N·m].
 
-        The jumps of a loose motor are in the measured position, and so in `link_load`, but not in the effort.
+        When a motor jumps in its backlash, that is in the measured position and so in `link_load`, but not in the effort.
         """
         effort = self.signals.effort
         if effort is None:
@@ -112,9 +113,10 @@ class Motion:
         return acting if self.drive is None else acting - self.drive
 
     def carried(self, target: int) -> np.ndarray:
-        """What a joint's gear carries, (N,) [N·m]: as `gear_load`, and smooth where the joint may stick.
+        """Load on a joint's gear, (N,) [N·m]: as `gear_load`, with the drive's effort interpolated where the joint may stick.
 
-        There its dry friction goes over from one direction's to the other's, whenever that is, and the link goes on.
+        While it sticks, dry friction passes from one sign to the other at an unknown moment, but the load on the link does
+        not jump.
         """
         load = self.gear_load[:, target].copy()
         if self.signals.effort is None or self.drive is None:
@@ -127,12 +129,12 @@ class Motion:
         return load
 
     def calmed(self, values: np.ndarray) -> np.ndarray:
-        """Values (N, ...) as slow as the motion is: what is faster is noise, and far larger once differentiated twice."""
+        """Values (N, ...) limited to frequencies of the motion: the noise beyond would be amplified by differentiation."""
         return self.signals.passed(values, self.calm)
 
     @cached_property
     def calm(self) -> float:
-        """What the motion does is slower than this [Hz]: at a constant velocity, than what it is too short to tell."""
+        """Highest frequency of the motion [Hz], at least the lowest that so short a recording resolves."""
         rates = np.sum(self.acceleration**2) / max(float(np.sum(self.velocity**2)), 1e-12)
         slowest = self.signals.rate / max(len(self.time), 1)
         return max(CALM * max(float(np.sqrt(rates)) / (2.0 * np.pi), slowest), LEAST_CUTOFF)
@@ -149,7 +151,7 @@ class Motion:
 
     @cached_property
     def known_load(self) -> np.ndarray:
-        """The load less what its drives were found to take beyond the robot's own friction and rotors, (N, n) [N·m]."""
+        """The load without the drive effort that was found beyond the robot's own friction and rotor inertia, (N, n) [N·m]."""
         if self.drive is None:
             return self.load
         own = self.robot.drive_effort(self.velocity, self.acceleration, self.signals.sign)
@@ -174,7 +176,7 @@ class Motion:
         return result
 
     def sharp_column(self, target: int, *columns: np.ndarray) -> np.ndarray:
-        """As `joint_column` for columns with steps or ripples: low-passed as the effort was."""
+        """As `joint_column`, for columns with steps or ripples: low-passed as the effort was."""
         return self.joint_column(target, *(self.signals.soften(column) for column in columns))
 
     @cached_property
@@ -188,9 +190,10 @@ class Motion:
         return np.asarray((tall @ parameters).reshape(self.position.shape))
 
     def soft_pulls(self, link: str) -> np.ndarray:
-        """Effort per wrench at a link's origin, and what each metre of the point adds, low-passed as the effort was, (N, n, 15).
+        """Effort per unit wrench at a link's origin, and its change per metre of the point, softened as the effort, (N, n, 15).
 
-        First the Jacobian transposed, (N, n, 6); then, force by force, what a metre along each of the link's axes adds to it.
+        First the transposed Jacobian, (N, n, 6); then, for each force component, the change per metre along each of the
+        link's axes.
         """
         if link not in self._pulls:
             jacobian, axes = self.robot.link_motion(self.position, link)
@@ -207,7 +210,7 @@ class Motion:
         return {}
 
     def advanced(self, values: np.ndarray, lead: float) -> np.ndarray:
-        """Values (N, k) as they will be `lead` seconds later, along each segment; held at its ends."""
+        """Values (N, k) shifted `lead` seconds ahead within each segment; held at the segment's ends."""
         result = np.empty_like(values)
         for rows in self.signals.segments:
             time = self.time[rows]
@@ -230,7 +233,7 @@ class Motion:
         return np.asarray(sum(by[target] * c[:, None] for by, c in zip(self._slopes, changes, strict=True)))
 
     def bent(self, target: int, change: np.ndarray) -> np.ndarray:
-        """As `shifted`, by a change of the link's position alone, which springs across the joint feel too, (N, n) [N·m]."""
+        """As `shifted`, for a change of the link's position behind the gear, which joint springs feel too, (N, n) [N·m]."""
         bodies = self.shifted(target, change)
         return (
             bodies
@@ -240,22 +243,23 @@ class Motion:
 
     @cached_property
     def _slopes(self) -> list[np.ndarray]:
-        """Change of the rigid effort per position, velocity and acceleration of each joint, which comes first: (n, N, n) each."""
+        """Derivatives of the rigid effort by position, velocity and acceleration of each joint (first index), (n, N, n) each."""
         found = self.robot.effort_derivatives(self.position, self.velocity, self.acceleration)
         return [np.ascontiguousarray(np.moveaxis(by, 2, 0)) for by in found]
 
     @cached_property
     def gravity_pulls(self) -> np.ndarray:
-        """Effort per acceleration of gravity along x, y and z of the base, (N, n, 3) [N·s²]."""
+        """Effort per unit of gravity along x, y and z of the base, (N, n, 3) [N·s²]."""
         turned = self.level or self.robot
         axes = (replace(turned, gravity_vector=axis) for axis in np.eye(3))
         return np.stack([robot.gravity(self.position) for robot in axes], axis=-1)
 
     def turned(self, target: int, angle: float) -> np.ndarray:
-        """Change of the rigid effort when a joint's positions are changed by a constant [rad], (N, n) [N·m].
+        """Change of the rigid effort when a constant is added to one joint's positions [rad], (N, n) [N·m].
 
-        Half of the other joints' known offsets is taken off before: each of two gets half of what both do together. A first
-        joint's zero and a tilt of the base may be one, so that such a joint turns the robot as it stood without the tilt.
+        Half of the other joints' known offsets is subtracted first, so each of two offsets gets half of their joint effect.
+        The zero of a first joint may be equivalent to a tilt of the base; such a joint is evaluated on the robot without the
+        tilt.
         """
         others = np.zeros(self.robot.width) if self.zeros is None else np.array(self.zeros)
         others[target] = 0.0
@@ -266,19 +270,19 @@ class Motion:
         return robot.rigid_effort(start + change, self.velocity, self.acceleration) - here
 
     def with_robot(self, robot: Robot, zeros: np.ndarray | None = None) -> Motion:
-        """The same motion with another estimate of the robot's bodies, and of its positions' offsets (None keeps)."""
+        """The same motion with another estimate of the robot's bodies and of the positions' offsets (None keeps)."""
         zeros = self.zeros if zeros is None else zeros
         return self._handing_on(replace(self, robot=robot, zeros=zeros), OF_MOTION)
 
     def with_load(
         self, load: np.ndarray, drive: np.ndarray | None = None, scale: np.ndarray | None = None
     ) -> Motion:
-        """The same motion with another estimate of the load, the drives' share of it, and its sensors' scales (None keeps)."""
+        """The same motion with another estimate of the load, the drives' share of it and the sensors' scales (None keeps)."""
         drive, scale = self.drive if drive is None else drive, self.scale if scale is None else scale
         other = replace(self, load=load, drive=drive, scale=scale)
         return self._handing_on(other, OF_MOTION + OF_BODIES)
 
     def _handing_on(self, other: Motion, names: tuple[str, ...]) -> Motion:
-        """The other with what was computed here already."""
+        """`other`, with those cached results of this motion that hold for it too."""
         other.__dict__.update({name: self.__dict__[name] for name in names if name in self.__dict__})
         return other

@@ -1,4 +1,4 @@
-"""How a robot stands: a base that is tilted."""
+"""How a robot is mounted: a tilted base."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from bdnn_ros.robot.mounting import tilt_of
 
 
 class BaseTilt(Effect):
-    """A base that stands turned by Ry(pitch)·Rx(roll) from level: gravity comes from another direction.
+    """A base that is turned by Ry(pitch)·Rx(roll) from level: gravity comes from another direction.
 
-    Linear in the angles [rad] near level; the shape names the tilt at which the columns are exact, as secants
-    from level to that tilt. On a base that is known to be tilted the angles count from that tilt.
+    Linear in the angles [rad] near level; the shape is the tilt at which the columns, secants from level, are exact. On a
+    base that is known to be tilted the angles count from that tilt.
     """
 
     name = "base_tilt"

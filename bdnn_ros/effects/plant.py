@@ -11,10 +11,10 @@ from bdnn_ros.robot import Robot
 
 JointEffort = Callable[[float, float, float, float], float]
 """(time [s], position [rad], velocity [rad/s], load [N·m]) -> resisting effort of that joint [N·m], called in
-order of time, once a step. The position is the one that the joint reports, the load the effort that acts on it."""
+order of time, once a step. The position is the reported one, the load the effort that acts on the joint."""
 DryFriction = Callable[[float, float, float, float], float]
 """(time [s], speed [rad/s] >= 0, load [N·m], direction +1 or -1) -> magnitude of dry friction against motion
-in that direction [N·m]; at speed 0 what holds the joint."""
+in that direction [N·m]; at speed 0 the largest that holds the joint."""
 Wrench = Callable[[float], np.ndarray]
 """Time [s] -> force and torque on a point of a link, in the base frame's axes, (6,) [N, N·m]."""
 
@@ -26,7 +26,7 @@ class Plant:
     Attributes:
         robot: rigid bodies, armature, and the friction of the URDF's tags.
         duration: how long the recording will be [s].
-        efforts: (joint, smooth resisting effort) of its drive: drag, cogging, bristles ...
+        efforts: (joint, smooth resisting effort) in its drive: drag, cogging, bristles ...
         across: (joint, smooth resisting effort) that acts on its link, behind the gear: springs, pushes.
         dry: (joint, magnitude of dry friction); magnitudes on one joint add up.
         wrenches: (link, point in its frame (3,) [m], wrench of the environment on it).
@@ -64,9 +64,9 @@ class Plant:
     def resistance(
         self, time: np.ndarray, position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray
     ) -> np.ndarray:
-        """What the effects resist a motion with beside bodies, armature and the robot's own friction, (N, n) [N·m].
+        """Effort with which the effects resist a motion, without bodies, armature and the robot's own friction, (N, n) [N·m].
 
-        Neither wrenches nor `offset` count. Some effects remember: a plant is asked once.
+        Wrenches and `offset` are not included. Some effects have memory, so a plant must be asked only once.
         """
         result = np.zeros(position.shape)
         if not (self.efforts or self.across or self.dry):

@@ -1,8 +1,7 @@
 """Every effect by name, and specifications as users write them.
 
-`ALL` holds every class once. Those of one contract name are variants (what drifts; a wrench on a link or a
-joint), each with its own columns and bounds: go through `ALL` to try everything, through `EFFECTS` to list
-the names.
+`ALL` holds every class once. Classes of the same contract name are variants (which parameter drifts; a wrench on a link or a
+joint), each with its own columns and bounds: use `ALL` to try everything, `EFFECTS` to list the names.
 """
 
 from __future__ import annotations
@@ -99,7 +98,7 @@ class Installed:
     """An effect with its place and parameters, ready to be put into a simulated robot.
 
     Attributes:
-        effect: what.
+        effect: the effect, without its numbers.
         target: index of the joint, or of the joint that moves the link; -1 for the base or all joints.
         link: the link, where the effect acts on one.
         values: parameters by name.
@@ -115,13 +114,13 @@ class Installed:
         self.effect.install(plant, self.target, self.values, self.link)
 
     def within(self, duration: float) -> Installed:
-        """The same, a drift that is to last as long as the recording ending with it."""
+        """The same effect; a drift without an end ends with the recording."""
         if not math.isinf(self.values.get("end", 0.0)):
             return self
         return replace(self, values={**self.values, "end": duration})
 
     def place(self, robot: Robot) -> str:
-        """What a sentence calls the place: the link, the joint, `base` or `all joints`."""
+        """The place's name in a sentence: the link, the joint, `base` or `all joints`."""
         if self.link is not None:
             return self.link
         if self.target >= 0:
@@ -129,7 +128,7 @@ class Installed:
         return "base" if self.effect.on == "base" else "all joints"
 
     def sentence(self, robot: Robot) -> str:
-        """It in words, with its numbers."""
+        """The effect in words, with its numbers."""
         return self.effect.at(robot, self.target, self.link).sentence(self.place(robot), self.values)
 
     def as_truth(self, robot: Robot) -> dict[str, object]:
@@ -147,7 +146,7 @@ class Installed:
 def parse_spec(spec: str, robot: Robot) -> Installed:
     """An effect from `effect[@joint or link][:key=value,...]`.
 
-    Of the variants of an effect the first that has all the parameters and can be there; `of=` takes another.
+    Of several variants, the first that has all the parameters and fits the place; `of=` selects one by name.
 
     Raises:
         UsageError: the effect, place or a parameter is unknown, missing or out of bounds.
@@ -175,10 +174,10 @@ def from_values(
     link: str | None = None,
     variant: str = "",
 ) -> Installed:
-    """An effect as a file says it, checked as a specification is.
+    """An effect as stored in a file, checked like a specification.
 
-    A fit may have found what nobody asks for: less of something than an earlier model had, and what `FOUND` says.
-    A scaled link keeps the nominal mass that the file gives: that of the robot before its links were corrected.
+    A fit may have found what nobody would specify: a negative amount as a change from an earlier model, and what `FOUND`
+    allows. A scaled link keeps the nominal mass in the file: that of the robot before its links were corrected.
 
     Raises:
         UsageError: the effect, place or a parameter is unknown, missing or out of bounds.
@@ -197,14 +196,14 @@ def from_values(
 
 
 def completed(effect: Effect, values: dict[str, float], robot: Robot, link: str | None) -> dict[str, float]:
-    """Parameters with those that follow from the robot: the nominal mass of a scaled link."""
+    """Parameters completed with those that follow from the robot: the nominal mass of a scaled link."""
     if effect.name == "link_inertia" and link is not None:
         return _scaled(values, float(link_inertial(robot, link)[1][0]))
     return values
 
 
 def _scaled(values: Mapping[str, float], nominal: float) -> dict[str, float]:
-    """All that is said of a scaled link, from its nominal mass and either its mass or its scale."""
+    """All parameters of a scaled link, from its nominal mass and either its mass or its scale."""
     scale = values["scale"] if "scale" in values else values["mass"] / nominal
     return {"mass": scale * nominal, "nominal_mass": nominal, "scale": scale}
 

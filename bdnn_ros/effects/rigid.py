@@ -1,6 +1,6 @@
 """Bodies that differ from the description: payload, scaled link, rotor inertia.
 
-All of them add rigid-body effort, so what they add to the measured effort is a regressor times inertial parameters.
+All of them change rigid-body effort, so their columns are the regressor times inertial parameters.
 """
 
 from __future__ import annotations
@@ -21,21 +21,21 @@ from bdnn_ros.robot.units import shown_as
 
 SHAPE = ("com_x", "com_y", "com_z")
 POINT = 1 + len(SHAPE)
-"""A point has so many inertial parameters, mass and first moments; a body's inertia comes after them."""
+"""Number of inertial parameters of a point mass (mass and first moments); a body's inertia comes after them."""
 ANY, NONE_LESS = (-np.inf, np.inf), (0.0, np.inf)
 CARRIED, OFF_CENTRE = 0.1, 0.1
-"""Most arms carry about a tenth of what they weigh, and so far from the link's origin [m]."""
+"""Prior of a payload: its mass per mass of the arm, and its distance from the link's origin [m]."""
 HEAVY = 3.0
-"""Light arms carry up to so many times that, which turns no harder: with little mass such an inertia is a rotor's."""
+"""Light arms carry up to this many times that mass, but not more inertia: much inertia with little mass is a rotor's."""
 GYRATION = 0.1
-"""And what they carry has up to such a radius of gyration about its own centre [m]: that of a box of 25 cm."""
+"""Prior radius of gyration of a payload about its own centre [m]: that of a box of 25 cm."""
 REACH = 1.0
-"""Nothing is carried further than this from its link's origin [m]."""
+"""Largest distance of a payload's centre from its link's origin [m]."""
 WEIGHED = 1.5
-"""A payload has a mass of so many standard deviations. What is of a first moment alone is a centre of mass that is elsewhere,
-and one that is further off than descriptions are as a rule is rarer than a payload."""
+"""A payload is reported if its mass is this many standard deviations from 0: a first moment without a mass is a wrongly
+described centre of mass, and one so wrong is rarer than a payload."""
 CERTAIN = 2.0
-"""So many standard deviations of its mass a payload must lie beyond reach to be none."""
+"""A payload is rejected only if its centre is out of `REACH` even with its mass raised by this many standard deviations."""
 
 
 class Armature(Effect):
@@ -46,6 +46,7 @@ class Armature(Effect):
     on = "joint"
     in_drive = True
     parameters = (Parameter("armature", "kg*m^2", 0.0, plausible=(0.05, 0.5), of_effort=True),)
+    linear = ("armature",)
     equation = "armature * qdd"
     confused_with = ("link_inertia", "effort_delay", "effort_scale")
     shown_by = "high accelerations in poses of different gravity and inertia"
@@ -60,18 +61,12 @@ class Armature(Effect):
     def columns(self, motion: Motion, target: int, shape: Values, link: str | None = None) -> np.ndarray:
         return motion.joint_column(target, motion.acceleration[:, target])
 
-    def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
-        return {"armature": float(coefficients[0])}
-
-    def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
-        return np.array([values["armature"]]), {}
-
     def had(self, robot: Robot, target: int) -> float:
         return float(robot.armature[target])
 
 
 class OnBody(Effect):
-    """What changes one body's inertial parameters: its columns are that body's part of the regressor."""
+    """An effect that changes one body's inertial parameters: its columns are that body's part of the regressor."""
 
     on = "link"
     on_body = True
@@ -92,13 +87,13 @@ class OnBody(Effect):
 
 
 class Payload(OnBody):
-    """A mass fixed to a link, a point at its centre; a rotational inertia of its own is fitted and not told.
+    """A mass fixed to a link; its inertia about its own centre of mass is fitted as well, but not reported.
 
-    Linear in mass and first moments; the second moments m·c·cᵀ are those of the tangent at the centre of mass that
-    the shape names: exact there, and the next centre found with them is nearer (Newton). The first comes from a body
-    with any second moments: without them a light link's inertia leaves no room for a mass. The last coefficients are its
-    inertia about its own centre: without them the link takes that, and with it some of the mass, or the load is turned.
-    They may be too small to matter, and nothing speaks against a load whose inertia is seen to be.
+    Linear in mass and first moments; the second moments m·c·cᵀ are linearised at the centre of mass that the shape names:
+    exact there, and each fit gives a better centre (Newton). The first centre comes from a body with arbitrary second
+    moments, as a light link's own inertia would leave no room for a mass. The last coefficients are the payload's inertia
+    about its own centre: without them the link takes it, and some of the mass with it, or the payload's position is
+    distorted. They may be negligible; an inertia that the data show does not speak against a payload.
     """
 
     name = "payload"
@@ -129,12 +124,12 @@ class Payload(OnBody):
 
     def general(self, robot: Robot, link: str) -> tuple[int, np.ndarray]:
         body, parameters = self.inertials(robot, dict.fromkeys(SHAPE, 0.0), link)
-        # about the origin a mass has the inertia of its centre's distance, too
+        # about the link's origin its inertia includes that of its centre's distance (parallel axes)
         parameters[:, POINT:] *= 1.0 + (OFF_CENTRE / GYRATION) ** 2
         return body, parameters
 
     def spread(self, typical: np.ndarray, motion: Motion, target: int) -> np.ndarray:
-        # a fit may have corrected the motion's robot, link by link, to less than nothing
+        # masses of the description: a fit may have made those of the motion's robot negative
         mass = CARRIED * described_mass(motion.robot)
         own = GYRATION**2 * np.array([1.0, 0.5, 1.0, 0.5, 0.5, 1.0])
         return mass * np.array([1.0, OFF_CENTRE, OFF_CENTRE, OFF_CENTRE, *own])
@@ -180,8 +175,8 @@ class Payload(OnBody):
 class LinkInertia(OnBody):
     """A link whose mass and inertia are `scale` times those of the model, its centre of mass unchanged.
 
-    The model's are the described ones, times as many as give its `nominal_mass`: an earlier model may have another. Of a
-    link that only spins, as a rotor does, no effort depends on the mass: what is told in words is its inertia's `scale` alone.
+    The model's are the described ones, scaled to `nominal_mass`, as an earlier model may have another mass. The mass of a
+    link that only spins (a rotor) does not affect any effort, so only the `scale` of its inertia is reported.
     """
 
     name = "link_inertia"
@@ -202,7 +197,7 @@ class LinkInertia(OnBody):
     coefficient_bounds = ((-0.95, 9.0),)
     coefficient_spread = 0.2
     spins: bool = False
-    """Whether it is of a link that only spins; see `at`."""
+    """Whether the link only spins about its own axis; see `at`."""
 
     def places(self, robot: Robot) -> list[tuple[int, str | None]]:
         return [
@@ -248,7 +243,7 @@ class LinkInertia(OnBody):
 
 
 def payload_parameters(place: tuple[int, np.ndarray, np.ndarray], shape: Values) -> tuple[int, np.ndarray]:
-    """Body and its inertial parameters per unit of (m, m·cx, m·cy, m·cz) in the link frame, (PER_LINK, 4)."""
+    """Body, and its inertial parameters per unit of (m, m·cx, m·cy, m·cz) in the link frame, (PER_LINK, 4)."""
     body, rotation, translation = place
     at = rotation @ np.array([shape[name] for name in SHAPE]) + translation
     moments = np.column_stack([translation, rotation])
@@ -265,5 +260,5 @@ def payload_parameters(place: tuple[int, np.ndarray, np.ndarray], shape: Values)
 
 
 def slots(body: int) -> slice:
-    """A body's columns of the regressor."""
+    """The body's columns of the regressor."""
     return slice(body * PER_LINK, (body + 1) * PER_LINK)

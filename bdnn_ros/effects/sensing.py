@@ -1,4 +1,4 @@
-"""Sensors that report something else than the joint does."""
+"""Sensors that report something other than the true motion."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from bdnn_ros.robot import Robot
 from bdnn_ros.robot.units import along, printed
 
 HARDLY_TURNED = 1e-4
-"""Below this offset the effort changes in proportion to it [rad]."""
+"""Offsets below this are linearised by the tangent instead of the secant [rad]."""
 
 
 class PositionOffset(Effect):
     """An encoder whose zero is off: measured position = true position + offset.
 
-    The rigid effort belongs to the true position, so the measured effort is the model's at `q - offset`. A spring's rest
-    and the phase of a cogging are told as the joint reports them, whatever its offset. The
-    shape `at` [rad] names the offset at which the column is exact, as a secant from none.
+    The rigid effort belongs to the true position, so the measured effort is the model's at `q - offset`. A spring's rest and
+    the phase of cogging refer to the reported position, whatever its offset. The shape `at` [rad] is the offset at which the
+    column, a secant from none, is exact.
     """
 
     name = "position_offset"
@@ -69,7 +69,7 @@ class PositionOffset(Effect):
 class VelocityFilter(Effect):
     """A reported velocity that has passed a first-order low-pass.
 
-    It does not enter the effort. With the time constant T = 1 / (2π cutoff), the reported velocity v_r obeys
+    It does not affect the effort. With the time constant T = 1 / (2π cutoff), the reported velocity v_r obeys
     v_r = qd - T · dv_r/dt, which is linear in T.
     """
 

@@ -1,4 +1,4 @@
-"""Transmissions that bend: the measured position is the motor's, the link lags behind by what the load bends.
+"""Elastic transmissions: the measured position is the motor's; the link lags behind by the deflection under load.
 
 The rigid effort belongs to the link's motion, `q - deflection`, so the measured effort changes by the rigid
 effort's derivative along `-deflection` and its time derivatives.
@@ -14,11 +14,11 @@ from bdnn_ros.effects.plant import Plant
 from bdnn_ros.robot.units import along, printed
 
 SOFTEST = 25.0
-"""A link rarely swings more slowly on its gear [rad/s]: no position loop could hold it."""
+"""Lowest natural frequency of a link on its gear [rad/s]: no position loop could hold a softer one."""
 BELOW = 0.8
-"""The load is low-passed at this share of the link's natural frequency on its gear."""
+"""Cut-off of the load, as a share of the link's natural frequency on its gear."""
 TRIED = 6
-"""So many low-passes are tried."""
+"""Number of cut-offs to try."""
 TINY = 1e-12
 SPONG = "Spong, Modeling and control of elastic joint robots, JDSMC 109(4), 1987"
 
@@ -26,9 +26,9 @@ SPONG = "Spong, Modeling and control of elastic joint robots, JDSMC 109(4), 1987
 class JointElasticity(Effect):
     """A spring between motor and link: link position = measured position - link load / stiffness.
 
-    The load is the measured effort's: the motor's oscillation on its spring is in the measured position, and
-    a load computed from that would hold it twice. It is low-passed below the link's natural frequency on its gear:
-    beyond that the noise of the effort would bend the spring by more than it is. The shape `compliance` [rad/N·m] says where.
+    The load is taken from the measured effort: the motor's oscillation on its spring is in the measured position, and a load
+    computed from that would contain it twice. It is low-passed below the link's natural frequency on its gear, which follows
+    from the shape `compliance` [rad/N·m]: beyond, the noise of the effort would outweigh the deflection.
     """
 
     name = "joint_elasticity"
@@ -48,7 +48,7 @@ class JointElasticity(Effect):
     def echo(self, motion: Motion, target: int, shape: Values) -> tuple[float, float, float]:
         scale = 1.0 if motion.scale is None else motion.scale[target]
         inertia, cutoff = float(scale * motion.usual_inertia[target]), self._cutoff(motion, target, shape)
-        # how much a change is, the shape that it keeps does not tell
+        # the kept shape is an earlier model's compliance, not this change's
         return inertia, 0.0 if self.kept is not None else shape["compliance"], cutoff
 
     def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
@@ -62,7 +62,7 @@ class JointElasticity(Effect):
         return -motion.bent(target, load)[..., None]
 
     def _cutoff(self, motion: Motion, target: int, shape: Values) -> float:
-        """Where the load is low-passed [Hz]: no sooner than what the motion does, nor later than signals are."""
+        """Cut-off of the load's low-pass [Hz]: at least the motion's highest frequency, at most the signals' cut-off."""
         natural = (
             BELOW / np.sqrt(max(shape["compliance"] * motion.usual_inertia[target], TINY)) / (2.0 * np.pi)
         )

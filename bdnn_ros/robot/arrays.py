@@ -1,4 +1,4 @@
-"""Arrays as a robot's joints need them: of one shape, or not to be changed."""
+"""Arrays of joint values: broadcast to one shape, or read-only."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def fitting(width: int, *values: np.ndarray) -> list[np.ndarray]:
     arrays = [np.asarray(value, float) for value in values]
     shape = arrays[0].shape
     if shape[-1:] == (width,) and all(array.shape == shape for array in arrays):
-        return arrays  # as it nearly always is: the rest takes longer
+        return arrays  # the usual case, and fast
     try:
         together = np.broadcast_shapes(*(array.shape for array in arrays))
     except ValueError:
@@ -32,7 +32,7 @@ def fitting(width: int, *values: np.ndarray) -> list[np.ndarray]:
 
 
 class ReadOnlyArrays:
-    """A frozen object whose arrays (`READ_ONLY` names them) are its own and read-only: what is cached of them stays true."""
+    """A frozen object that owns its arrays (named in `READ_ONLY`), all read-only, so cached results stay valid."""
 
     READ_ONLY: ClassVar[tuple[str, ...]] = ()
 
@@ -46,4 +46,4 @@ class ReadOnlyArrays:
 
     def __setstate__(self, state: dict[str, object]) -> None:
         self.__dict__.update(state)
-        self.__post_init__()  # copies of the arrays can be written
+        self.__post_init__()  # unpickled arrays are writable again

@@ -1,4 +1,4 @@
-"""Where the joints' axes are, and where a point of a link lies beside them."""
+"""Where the joints' axes lie, and how far points of a link are from them."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ import pinocchio as pin
 from bdnn_ros.robot.robot import Robot
 
 UPRIGHT = 0.01
-"""An axis whose angle to gravity has at most this sine is upright."""
+"""Largest sine of the angle between gravity and an axis that counts as vertical."""
 
 
 def distances_from_axes(robot: Robot, link: str, point: np.ndarray) -> np.ndarray:
-    """How far a point is from the axis of each joint where all joints are at zero, (n,) [m]; infinite from a slide's.
+    """Distance of a point from each joint's axis with all joints at zero, (n,) [m]; infinite for prismatic joints.
 
     Args:
         point: in the link's frame, (3,) [m].
@@ -37,12 +37,12 @@ def rotor_on(robot: Robot, joint: int) -> np.ndarray:
 
 
 def turns_all(robot: Robot, joint: int) -> bool:
-    """Whether a joint turns all that other joints move: a base that is tilted about its axis does the same."""
+    """Whether a joint turns all other joints: then a base tilt about its axis is equivalent to its offset."""
     return bool(robot.carries[joint].all()) and not robot.slides[joint]
 
 
 def spins(robot: Robot, joint: int) -> bool:
-    """Whether what a joint moves only turns about one upright axis: its weight pulls on no joint, it is as a rotor to all."""
+    """Whether what a joint moves only spins about a vertical axis: its weight loads no joint, so it acts like a rotor."""
     if robot.slides[joint] or robot.carries[:, joint].sum() > 1:
         return False
     model, order = robot.pinocchio_model()

@@ -1,15 +1,15 @@
-"""Which bodies can exist: those whose pseudo-inertia is positive-definite."""
+"""Physically possible bodies: those whose pseudo-inertia is positive-definite."""
 
 from __future__ import annotations
 
 import numpy as np
 
 SMALLEST_SPREAD = 1e-4
-"""Smallest principal second moment of a body, relative to its largest: thinner ones are thickened."""
+"""Least principal second moment of a body, relative to its largest: thinner bodies are thickened."""
 LIGHTEST, SHORTEST = 1e-3, 1e-6
-"""What weighs less is made so heavy [kg], and what reaches less far made so large [m²]."""
+"""Least mass of a body [kg], and least second moment per mass [m²]."""
 USUAL_MASS = 3.0
-"""Of a link of an arm, on average [kg]."""
+"""Mean mass of an arm's links [kg]."""
 
 
 def pseudo_inertia(inertials: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Entries of a file as they are read: which of them is missing or makes no sense, in words."""
+"""Entries of a file while it is read: errors name the entry that is missing or wrong."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from bdnn_ros.robot.robot import PER_LINK
 
 
 class Entries(dict[str, Any]):
-    """Entries that tell a list, which they may share with others, which of them was looked at last."""
+    """Entries that append each key that is looked up to a list, which several of them may share."""
 
     def __init__(self, entries: Mapping[str, Any], seen: list[str]) -> None:
         super().__init__(entries)

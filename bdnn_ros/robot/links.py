@@ -1,4 +1,4 @@
-"""What a robot's description says of its single links."""
+"""What a robot's description says of its individual links."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from bdnn_ros.robot import Robot
 from bdnn_ros.robot.urdf import link_inertia
 
 LIGHTEST = 0.05
-"""No link weighs less than this share of what is described."""
+"""Least mass of a link, as a share of the described one."""
 
 
 def described_inertial(robot: Robot, link: str) -> tuple[int, np.ndarray]:
@@ -58,7 +58,7 @@ def link_mass(robot: Robot, link: str, carried: float = 0.0) -> float:
 
 
 def described_mass(robot: Robot) -> float:
-    """Mass of all bodies that move by the description, whatever the robot's own may have become [kg]."""
+    """Mass of all moving bodies by the description, whatever the robot's own may have become [kg]."""
     return float(_bodies(robot.urdf, robot.joints, robot.held)[:, 0].sum())
 
 
@@ -75,5 +75,5 @@ def needed_link(link: str | None) -> str:
 
 @lru_cache(maxsize=8)
 def _bodies(urdf: str, joints: tuple[str, ...], held: tuple[tuple[str, float], ...]) -> np.ndarray:
-    """Inertial parameters of the bodies as described, (n, PER_LINK): a robot's own may have changed."""
+    """Inertial parameters of the bodies as described, (n, PER_LINK); the robot's own may have changed."""
     return Robot.from_urdf(urdf, joints, dict(held)).inertials

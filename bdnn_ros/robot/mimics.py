@@ -34,7 +34,7 @@ def _tags(urdf: str) -> dict[str, ElementTree.Element]:
 
 
 def held_mimics(robot: Robot) -> dict[str, str]:
-    """Joints that mimic another and are none of the robot's, so that they stand still; and which they mimic."""
+    """Joints that mimic another but are not among the robot's, so they are held still, and the joints they mimic."""
     return {joint: leader for joint, leader in mimicking(robot.urdf).items() if joint not in robot.joints}
 
 
@@ -44,6 +44,6 @@ def with_mimics(robot: Robot) -> tuple[str, ...]:
 
 
 def standing_still(mimics: dict[str, str]) -> str:
-    """How a sentence begins that tells of joints (keys) that mimic others (values)."""
+    """Beginning of a sentence about held joints (keys) that mimic others (values)."""
     pairs = [f"{joint} mimics {leader}" for joint, leader in mimics.items()]
     return f"{listed(pairs)}: held still"

@@ -1,4 +1,4 @@
-"""How a robot is set up: the direction from which gravity comes, and where joints have their zeros."""
+"""How a robot is set up: the direction of gravity, and the zeros of its joints."""
 
 from __future__ import annotations
 
@@ -25,13 +25,14 @@ def tilt_of(gravity_vector: np.ndarray) -> tuple[float, float]:
 
 
 def zeros_of(joints: Sequence[str], zeros: Mapping[str, float]) -> np.ndarray:
-    """Joints' zeros by name, (n,) [rad] ([m]); nothing where none is given."""
+    """Joints' zeros by name, (n,) [rad] ([m]); 0 where none is given."""
     return np.array([zeros.get(joint, 0.0) for joint in joints])
 
 
 def turned_back(model: pin.Model, joint: int, zero: float) -> pin.SE3:
-    """Where a joint of one degree of freedom has to be placed for the model to stand as it does where the joint reports
-    that much beyond its position [rad] ([m])."""
+    """Placement of a one-degree-of-freedom joint that compensates a reported position that exceeds the true one by `zero`
+    [rad] ([m]).
+    """
     data, positions = model.joints[joint].createData(), np.zeros(model.nq)
     positions[model.idx_qs[joint]] = -zero
     model.joints[joint].calc(data, positions)

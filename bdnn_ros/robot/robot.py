@@ -42,10 +42,10 @@ class Robot(ReadOnlyArrays):
         joints: n joint names, the order of every array.
         inertials: inertial parameters of the n moving bodies, (n, PER_LINK); a body is a link with everything
             fixed to it; body i moves with joint i.
-        armature, viscous, coulomb: per joint, (n,) [kg·m²], [N·m·s/rad], [N·m]; a URDF's tags are the last two.
-        zeros: what each joint reports where it is at its zero, (n,) [rad] ([m]).
+        armature, viscous, coulomb: per joint, (n,) [kg·m²], [N·m·s/rad], [N·m]; URDFs give the last two only.
+        zeros: reported position of each joint at its true zero, (n,) [rad] ([m]).
         gravity_vector: acceleration of gravity in the base frame, (3,) [m/s²].
-        held: other joints of the URDF, and where they stand [rad] ([m]); the rest is at zero, or at the nearest limit.
+        held: positions of other joints of the URDF [rad] ([m]); the rest are at zero, or at the nearest limit.
     """
 
     READ_ONLY = ("inertials", "armature", "viscous", "coulomb", "zeros", "gravity_vector")
@@ -67,8 +67,8 @@ class Robot(ReadOnlyArrays):
 
         Args:
             urdf: the XML text.
-            joints: joints to keep, in this order; empty keeps all in the tree's order but those that mimic another.
-            held: where others stand [rad] ([m]).
+            joints: joints to keep, in this order; empty: all but those that mimic another, in the tree's order.
+            held: positions of the others [rad] ([m]).
 
         Raises:
             RobotError: the text is not a usable URDF, lacks a joint, or holds what no robot can have.
@@ -87,7 +87,7 @@ class Robot(ReadOnlyArrays):
 
     @classmethod
     def bundled(cls, name: str, joints: Sequence[str] = ()) -> Robot:
-        """One of the robots that come along, by name.
+        """One of the robots bundled with the package, by name.
 
         Raises:
             UsageError: there is none of that name.
@@ -116,12 +116,12 @@ class Robot(ReadOnlyArrays):
 
     @cached_property
     def _memory(self) -> dict[int, pin.Data]:
-        """Pinocchio's working memory of each thread: what one computes no other reads."""
+        """Pinocchio's working memory, one per thread, so that no thread reads another's results."""
         return defaultdict(self._model.createData)
 
     @cached_property
     def _order(self) -> np.ndarray:
-        """Pinocchio's velocity index of each joint, (n,): one less than the joint's own number."""
+        """Pinocchio's velocity index of each joint, (n,): the joint's number in Pinocchio minus one."""
         return np.array([self._model.idx_vs[self._model.getJointId(name)] for name in self.joints])
 
     @cached_property
@@ -130,7 +130,7 @@ class Robot(ReadOnlyArrays):
         return np.argsort(self._order)
 
     def _in_order(self, values: np.ndarray, *axes: int) -> np.ndarray:
-        """Values with Pinocchio's joints along some axes, in our order: without a copy where that is one."""
+        """Values with Pinocchio's joint order along some axes, in our order; not copied if they agree."""
         alike = (np.diff(self._order) == 1).all()
         return values if alike else reduce(lambda v, axis: np.take(v, self._order, axis), axes, values)
 
@@ -151,10 +151,10 @@ class Robot(ReadOnlyArrays):
     def drive_effort(
         self, velocity: np.ndarray, acceleration: np.ndarray, direction: np.ndarray
     ) -> np.ndarray:
-        """What the drives take for rotors and friction before the gear, (..., n) [N·m].
+        """Effort for rotor inertia and friction, before the gear, (..., n) [N·m].
 
         Args:
-            direction: of each joint, -1 to 1; between them while it turns round.
+            direction: of each joint, -1 to 1; values in between during a reversal.
         """
         v, a, way = fitting(self.width, velocity, acceleration, direction)
         return self.armature * a + self.viscous * v + self.coulomb * way
@@ -225,7 +225,7 @@ class Robot(ReadOnlyArrays):
 
     @cached_property
     def carries(self) -> np.ndarray:
-        """Which joints (columns) each joint (rows) moves, itself among them, (n, n) bool."""
+        """Which joints (columns) each joint (rows) moves, including itself, (n, n) bool."""
         bodies = self._order + 1
         return np.array([np.isin(bodies, list(self._model.subtrees[int(body)])) for body in bodies])
 
@@ -256,7 +256,7 @@ class Robot(ReadOnlyArrays):
         for k, row in enumerate(rows):
             # of one joint pinocchio gives a vector
             jacobian[k] = pin.computeFrameJacobian(model, data, row, frame, aligned).reshape(6, -1)
-            rotation[k] = data.oMf[frame].rotation  # which it has placed on its way
+            rotation[k] = data.oMf[frame].rotation  # computed along with the Jacobian
         return self._in_order(jacobian, 2), rotation
 
     @cached_property
@@ -309,7 +309,7 @@ class Robot(ReadOnlyArrays):
         return replace(self, gravity_vector=gravity_of(roll, pitch))
 
     def set_up_as(self, other: Robot) -> Robot:
-        """The same robot with another's zeros, by name, on another's base."""
+        """The same robot with another's zeros, by joint name, and on the other's base."""
         zeros = zeros_of(self.joints, dict(zip(other.joints, other.zeros, strict=True)))
         return replace(self, zeros=zeros, gravity_vector=other.gravity_vector)
 

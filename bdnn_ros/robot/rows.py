@@ -1,4 +1,4 @@
-"""Dynamics of many rows, in Pinocchio's order: in its own loop where it has one."""
+"""Dynamics of many rows in Pinocchio's order, by Pinocchio's own loop where it has one."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def rnea(model: pin.Model, data: pin.Data, rows: Sequence[np.ndarray]) -> np.nda
 
 
 def regressors(model: pin.Model, data: pin.Data, rows: Sequence[np.ndarray]) -> np.ndarray:
-    """Efforts by the ten inertial parameters of each body, (N, nv, nv, 10), of the same rows."""
+    """Regressors of the efforts by the ten inertial parameters of each body, (N, nv, nv, 10), for the same rows."""
     result = np.empty((len(rows[0]), 10 * model.nv, model.nv))  # as Pinocchio has it: efforts last
     for k, row in enumerate(zip(*rows, strict=True)):
         found = pin.computeJointTorqueRegressor(model, data, *row)
@@ -39,7 +39,7 @@ def regressors(model: pin.Model, data: pin.Data, rows: Sequence[np.ndarray]) -> 
 def rnea_derivatives(
     model: pin.Model, data: pin.Data, rows: Sequence[np.ndarray], *names: str
 ) -> tuple[np.ndarray, ...]:
-    """Of what Pinocchio finds on its way to the derivatives of the efforts, by its own names, for each of the same rows."""
+    """Intermediate results of Pinocchio's effort derivatives, by its own names, for each of the same rows."""
     # views of what each row is written to; of one joint they are vectors
     found = [getattr(data, name).reshape(-1, model.nv) for name in names]
     result = tuple(np.empty((len(rows[0]), *values.shape)) for values in found)

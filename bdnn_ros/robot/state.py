@@ -1,4 +1,4 @@
-"""A robot as arrays and JSON-able rest: part of every model file."""
+"""A robot as arrays and JSON-able data: part of every model file."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ ARRAYS = ("inertials", "armature", "viscous", "coulomb", "zeros", "gravity_vecto
 
 
 def robot_state(robot: Robot) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-    """Arrays and JSON-able rest that make the robot again."""
+    """Arrays and JSON-able data from which `robot_from_state` restores the robot."""
     arrays = {name: np.asarray(getattr(robot, name), float) for name in ARRAYS}
     return arrays, {"urdf": robot.urdf, "joints": list(robot.joints), "held": dict(robot.held)}
 

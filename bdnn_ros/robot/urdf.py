@@ -22,23 +22,23 @@ from bdnn_ros.robot.arrays import ReadOnlyArrays
 from bdnn_ros.robot.mimics import mimicking
 
 OPEN_VELOCITY = 2.0
-"""Velocity that joints usually reach, where a description names no limit [rad/s] ([m/s])."""
+"""Usual velocity of a joint without a velocity limit [rad/s] ([m/s])."""
 UNLIMITED = 1e9
-"""Limit that stands for none: of the position [rad] while Pinocchio has the robot, in SI units wherever a URDF has one."""
+"""Magnitude (SI units) from which a limit counts as none; given to Pinocchio as position limit of continuous joints."""
 FREE = {"planar", "floating"}
-"""Kinds of joints of more than one degree of freedom."""
+"""Joint types with more than one degree of freedom."""
 Held = Mapping[str, float]
-"""Joints that do not move, and where they stand [rad] ([m])."""
+"""Positions of joints that do not move [rad] ([m]), by name."""
 NONE_HELD: Held = MappingProxyType({})
 WHERE = re.compile(rb" +at line \d+ in ")
-"""How the URDF parser goes on after a complaint."""
+"""What the URDF parser appends to a complaint."""
 _STDERR = threading.Lock()
-"""Whose turn it is to stand in for stderr, of which the process has one."""
+"""Held while the process's stderr is redirected."""
 
 
 @dataclass(frozen=True)
 class Limits(ReadOnlyArrays):
-    """What the URDF allows each joint; (n,) each, infinite where it says nothing; read-only."""
+    """Limits of each joint by the URDF, (n,) each, infinite where it gives none; read-only."""
 
     READ_ONLY = ("lower", "upper", "velocity", "effort")
 
@@ -49,14 +49,14 @@ class Limits(ReadOnlyArrays):
 
     @property
     def usual_velocity(self) -> np.ndarray:
-        """Velocity limits, and what joints usually reach where there is none, (n,) [rad/s] ([m/s])."""
+        """Velocity limits, or `OPEN_VELOCITY` where there is none, (n,) [rad/s] ([m/s])."""
         return np.where(np.isfinite(self.velocity), self.velocity, OPEN_VELOCITY)
 
     @property
     def usual_range(self) -> tuple[np.ndarray, np.ndarray]:
-        """Positions that joints usually reach, (n,) each [rad] ([m]): where limits allow more, a half turn each way from zero.
+        """Positions that joints usually reach, (n,) each [rad] ([m]): the limits, but at most half a turn each way from zero.
 
-        Of limits that leave zero out, a turn about their middle, or from the only one on.
+        If the limits exclude zero: at most a turn about their middle, or from the only limit there is.
         """
         lower, upper = np.maximum(self.lower, -np.pi), np.minimum(self.upper, np.pi)
         for joint in np.flatnonzero((self.lower > 0.0) | (self.upper < 0.0)):
@@ -146,15 +146,15 @@ def _parsed(urdf: str) -> pin.Model:
 
 
 def free_joints(urdf: str) -> list[str]:
-    """Joints of more than one degree of freedom: they are held where they are described."""
+    """Joints of more than one degree of freedom; they are held in their described pose."""
     return [str(joint.get("name")) for joint in _read(urdf).findall("joint") if joint.get("type") in FREE]
 
 
 def refuse_free(urdf: str) -> None:
-    """Refuses a URDF whose joints are not all of one degree of freedom, for those who have not said which they mean.
+    """Refuses a URDF with joints of more than one degree of freedom, for callers that do not name the joints they mean.
 
     Raises:
-        RobotError: one has more than one.
+        RobotError: there is one.
     """
     free = free_joints(urdf)
     if free:
@@ -182,10 +182,10 @@ def _without(model: pin.Model, lock: list[int], rest: np.ndarray) -> pin.Model:
 
 
 def _unnamed() -> IO[bytes]:
-    """A file without a name: in memory, as a disk may be full or not to be written on; on a disk where the system has no such.
+    """An anonymous file: in memory, as the disk may be full or read-only; on disk where the system has no memory files.
 
     Raises:
-        OSError: no file can be had.
+        OSError: no file is available.
     """
     if hasattr(os, "memfd_create"):
         return open(os.memfd_create("bdnn_complaints"), "w+b")
@@ -194,9 +194,9 @@ def _unnamed() -> IO[bytes]:
 
 @contextmanager
 def _overheard(said: list[str]) -> Iterator[None]:
-    """Collects what the URDF parser complains about: it writes to the process's stderr instead of raising.
+    """Collects the URDF parser's complaints, which it writes to the process's stderr instead of raising.
 
-    What others wrote meanwhile is passed on afterwards.
+    What others write to stderr meanwhile is passed on afterwards.
     """
     with _STDERR, _unnamed() as heard:
         stderr = os.dup(2)
@@ -211,12 +211,12 @@ def _overheard(said: list[str]) -> Iterator[None]:
             mine = [line for line in lines if line.startswith(b"Error:")]
             said += [line.decode(errors="replace").removeprefix("Error:").strip() for line in mine]
             others = b"".join(line for line in lines if line not in mine and not WHERE.match(line))
-            with suppress(OSError):  # nobody may listen any more
+            with suppress(OSError):  # stderr may be closed
                 os.write(2, others)
 
 
 def _bounded(urdf: str) -> str:
-    """The URDF with continuous joints as revolute ones without limits: one angle a joint."""
+    """The URDF with continuous joints turned into revolute ones without limits, so each has one angle."""
     root = ElementTree.fromstring(urdf)
     if root.tag != "robot":
         raise ValueError(f"the root element is <{root.tag}>, not <robot>")
@@ -273,14 +273,14 @@ def child_link(urdf: str, joint: str) -> str | None:
 
 
 def _named(urdf: str, tag: str, name: str) -> ElementTree.Element | None:
-    """A child of the robot by tag and name, whatever characters the name holds."""
+    """A child of the robot element by tag and name, whatever characters the name contains."""
     elements = _read(urdf).findall(tag)
     return next((element for element in elements if element.get("name") == name), None)
 
 
 @lru_cache(maxsize=4)
 def _read(urdf: str) -> ElementTree.Element:
-    """The robot's element, only to be looked at: whoever asks for one link asks for many."""
+    """The parsed robot element, cached and not to be modified."""
     return ElementTree.fromstring(urdf)
 
 

@@ -1,4 +1,4 @@
-"""The text of a URDF file, in whatever encoding it declares, and of those that come along."""
+"""The text of a URDF file, in whatever encoding it declares, and of the bundled ones."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from bdnn_ros.errors import RobotError, UsageError, listed
 BUNDLED = ("arm2", "arm6", "arm7")
 DECLARED = re.compile(r"""^\s*<\?xml\b[^>]*?\bencoding\s*=\s*["']([A-Za-z][\w.-]*)["']""")
 MARKS = ((codecs.BOM_UTF8, "utf-8-sig"), (codecs.BOM_UTF16_LE, "utf-16"), (codecs.BOM_UTF16_BE, "utf-16"))
-"""What a file may begin with, and the encoding that it means."""
+"""Byte order marks and the encodings they indicate."""
 LINE = '<?xml version="1.0" encoding="ISO-8859-1"?>'
 
 
 def text_of(path: str | Path) -> str:
-    """The text of a URDF file; the encoding that it declares becomes UTF-8, as the text is passed on in it.
+    """The text of a URDF file, its declared encoding replaced by UTF-8, in which the text is passed on.
 
     Raises:
         RobotError: it cannot be read.
@@ -39,7 +39,7 @@ def text_of(path: str | Path) -> str:
 
 
 def bundled_text(name: str) -> str:
-    """The text of a URDF that comes along.
+    """The text of a bundled URDF.
 
     Raises:
         UsageError: there is none of that name.
@@ -51,7 +51,7 @@ def bundled_text(name: str) -> str:
 
 
 def _encoding(content: bytes) -> str:
-    """That of the mark at the beginning, else the one declared in the first line, else UTF-8."""
+    """The encoding of the byte order mark, else the declared one, else UTF-8."""
     for mark, encoding in MARKS:
         if content.startswith(mark):
             return encoding

@@ -1,7 +1,7 @@
-"""Refuses a URDF whose moving links and joints hold values that are no numbers, or that nothing can have.
+"""Refuses a URDF whose moving links and joints have values that are not numbers or not physically possible.
 
-URDF parsers pass over an <inertial> that they cannot read, and over what xacro has not expanded: links would silently
-weigh nothing, or be missing.
+URDF parsers ignore an <inertial> that they cannot read, and unexpanded xacro: links would silently have no mass, or be
+missing.
 """
 
 from __future__ import annotations
@@ -16,26 +16,26 @@ import numpy as np
 from bdnn_ros.errors import RobotError
 
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
-"""What URDF parsers read as a number."""
+"""Numbers as URDF parsers accept them."""
 NEGATIVE = 0.1
-"""Estimated inertias of real robots have principal moments below zero, by up to this share of the largest."""
+"""Published (estimated) inertias have principal moments down to minus this share of the largest,"""
 NEGATIVE_SPREAD = 1e-6
-"""And by so much for each kilogram, where all of them are next to nothing [m²]."""
+"""or down to minus this per mass, where all of them are tiny [m²]."""
 MOST = 1e9
-"""No mass, inertia, place or friction of a robot is beyond this in SI units; a limit may be, and then is none."""
+"""Largest mass, inertia, coordinate or friction in SI units; a limit beyond counts as none."""
 XACRO = re.compile(r"\{[^}]*xacro[^}]*\}")
-"""How the names of elements in one of xacro's namespaces begin."""
+"""Namespace prefix of xacro elements."""
 UNDECLARED = re.compile(r"<xacro:([\w.-]+)")
-"""One whose prefix nothing declares."""
+"""A xacro element whose namespace is not declared."""
 RUN_XACRO = "Run xacro first, and give what it writes."
 MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
 
 def refuse_impossible(urdf: str) -> None:
-    """Looks at masses, inertias and places of the links that move, and at axes, limits and friction of all joints.
+    """Checks masses, inertias and poses of moving links, and axes, limits and friction of all joints.
 
     Raises:
-        RobotError: one of them is missing, not a finite number, larger than a robot's can be, or impossible; or xacro
+        RobotError: a value is missing, not a finite number, too large for a robot, or impossible; or xacro
             has not been run.
     """
     try:
@@ -44,7 +44,7 @@ def refuse_impossible(urdf: str) -> None:
         left = UNDECLARED.search(urdf)
         if left and expat.ErrorString(error.code) == expat.errors.XML_ERROR_UNBOUND_PREFIX:
             raise _unexpanded(left[1]) from None
-        return  # whoever reads the model says what is wrong with it
+        return  # reported when the model is built
     for element in root.iter():
         if XACRO.match(element.tag):
             raise _unexpanded(XACRO.sub("", element.tag))
@@ -159,7 +159,7 @@ def _refuse_beyond(
 
 
 def _remedy(text: str) -> str:
-    """What to do about a text that is no number."""
+    """What to do about a text that is not a number."""
     if "$" in text:
         return RUN_XACRO
     return "Write a point, not a comma." if "," in text else "Correct the URDF."

@@ -1,4 +1,4 @@
-"""Joint states that were published several times each, with a stamp of their own: a driver much slower than its publisher."""
+"""Joint states published several times each, every copy with its own stamp: a driver much slower than its publisher."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ from bdnn_ros.recording import Recording
 from bdnn_ros.signals.glitches import RESOLUTIONS, resolution
 
 FEWEST = 10
-"""So many messages that are seen to be held show how often each is published."""
+"""Least number of clearly repeated messages to tell how often each is published."""
 REGULAR = 0.9
-"""This share of them is held for as many messages as is usual, or for one more or less."""
+"""Least share of them that is published as often as the median, plus or minus one."""
 
 
 def without_copies(recording: Recording) -> Recording:
-    """The recording with the first message of each that its driver was made to publish several times.
+    """The recording with only the first of the messages that its driver published several times.
 
-    Copies make stairs of the position, which pass for its noise, and have the effort held for longer than the rate tells.
-    Where the robot rests as many messages are left out, so that the rate is that of the driver throughout.
+    Copies turn the position into stairs, which look like noise, and hold the effort for longer than the rate suggests. Where
+    the robot rests as many messages are dropped, so that the rate is the driver's throughout.
     """
     fields = [recording.position, recording.velocity, recording.effort]
     given = [values for values in fields if values is not None]
-    # efforts may be read apart from positions, and tell of copies where positions do not: their encoder is coarse
+    # with a coarse encoder positions may not reveal copies, but efforts, which may be read separately, do
     for values in (recording.position, np.concatenate(given, axis=1)) if len(recording) > FEWEST else ():
         keep = _first(values)
         if not keep.all():
@@ -34,7 +34,7 @@ def without_copies(recording: Recording) -> Recording:
 
 
 def _first(values: np.ndarray) -> np.ndarray:
-    """Messages, of values (N, n), that are no copies, (N,) bool."""
+    """Messages, of values (N, n), that are not copies, (N,) bool."""
     fresh = np.append(True, (np.diff(values, axis=0) != 0.0).any(axis=1))
     if fresh.all():
         return fresh
@@ -42,19 +42,19 @@ def _first(values: np.ndarray) -> np.ndarray:
     lasts = np.diff(np.append(starts, len(fresh)))
     times = _times_published(values[starts], lasts)
     after = np.arange(len(fresh)) - np.repeat(starts, lasts)
-    # what is held for twice as long is two messages, as of a robot that rests
+    # values held twice as long are two messages, as of a robot at rest
     return fresh | ((after % times == 0) & (np.repeat(lasts, lasts) - after >= times))
 
 
 def _times_published(values: np.ndarray, lasts: np.ndarray) -> int:
-    """How often each message is published; once where that is not the same throughout.
+    """How often each message is published; 1 if that is not the same throughout.
 
-    Only those count that a reading comes to and leaves by more than it resolves: what a coarse encoder shows for several
-    messages it leaves by one step.
+    Only messages count whose value differs by more than the resolution from the ones before and after: a coarse encoder may
+    show a value for several messages, but then changes by one step.
 
     Args:
         values: of messages that differ from the one before, (M, n).
-        lasts: how many messages show them, (M,).
+        lasts: number of consecutive messages that show each value, (M,).
     """
     steps = np.abs(np.diff(values, axis=0))
     least = RESOLUTIONS * np.array([resolution(column) for column in values.T])

@@ -1,4 +1,4 @@
-"""Readings that stand out alone: a bus or a sensor that was wrong for a sample or two."""
+"""Outliers: single readings that a bus or a sensor got wrong for a sample or two."""
 
 from __future__ import annotations
 
@@ -12,40 +12,40 @@ from bdnn_ros.errors import listed
 from bdnn_ros.recording import Recording, moving
 
 WINDOW = 5
-"""The median of so many samples bridges a glitch of two; a step stays a step."""
+"""Samples of the median filter: it bridges an outlier of two samples and keeps steps."""
 STANDS_OUT = 20.0
-"""A glitch is further from the median than so many times what nine of ten readings around it are."""
+"""An outlier is this many times as far from the median as nine of ten readings around it,"""
 AROUND = 25
-"""Readings on either side that it is compared with."""
+"""of so many readings on either side,"""
 RARE = 5.0
-"""And than so many times what one in a hundred of all are."""
+"""this many times as far as all but one in a hundred of the recording,"""
 OFTEN, SAME = 5, 1.01
-"""Changes of a reading from sample to sample that are as small as any, within this, are the sensor's resolution if so many."""
+"""(the resolution is the smallest change between samples, if so many changes are within this factor of it)"""
 RESOLUTIONS = 1.5
-"""And than so many times the sensor's resolution: a joint that stands still flips a reading's last digit now and then."""
+"""further than this many times the sensor's resolution, as a reading at rest flips its last digit now and then,"""
 BEYOND = 1.0
-"""What happens more often is a glitch where it is further from the median than this share of the range that medians cover,
-unless it is a velocity, which impacts in a gear throw as far:"""
+"""Frequent outliers are removed only if they are further from the median than this share of the medians' range, and not
+velocities, which impacts in a gear throw as far:"""
 PASSES = 3
-"""so many rounds, as one that others are close to is seen when they are gone,"""
+"""in so many passes, as some are seen only when their neighbours are gone,"""
 WIDE = 11
-"""by the median of so many: three of five may be wrong then, and more than one in ten around,"""
+"""by a wider median, as three of five samples may be wrong, and more than one in ten around,"""
 MOST = {WINDOW: 90.0, WIDE: 75.0}
-"""so that it is compared with that of three in four, not of nine in ten, in percent."""
+"""so each is compared with three in four of the readings around, not nine in ten [%], by the median's width."""
 JUMPS, MUCH = 0.3, 0.01
-"""Readings that are this share of that range from the median jump, and are told where so many do, ..."""
+"""Readings this far from the median (per that range) jump; a note reports them if this share of all do, ..."""
 UNUSUAL = 10.0
-"""... if they are so many times as far from it as half of the readings around are: noise jumps no further."""
+"""... and are this many times as far from it as half of the readings around: noise is not."""
 SHARES = {"position": 0.01, "velocity": 0.5, "effort": 0.5}
-"""And than this share of the range that the readings cover: nothing jumps, but an impact in a gear is felt for a sample."""
+"""and further than this share of the readings' range: positions do not jump, but impacts in a gear last a sample."""
 
 
 def without_glitches(recording: Recording) -> Recording:
-    """The recording with every reading that stands out alone replaced by the median of five around it.
+    """The recording with isolated outliers replaced by the median of the five readings around them.
 
-    One wrong reading among thousands passes for a push, and a low-pass spreads it. What lasts three samples is kept: so
-    brief a contact is real, as far as anyone can tell; and so is what happens often, unless nothing else comes near it. What
-    then is left that jumps is told.
+    A low-pass spreads a single wrong reading, which then looks like a push. What lasts three samples is kept, as such a brief
+    contact may be real; so are frequent outliers, unless they are far outside the range of all other readings. A note reports
+    what still jumps.
     """
     found: dict[str, int] = {}
     mended: dict[str, Any] = {}
@@ -74,7 +74,7 @@ def without_glitches(recording: Recording) -> Recording:
 
 
 def jumping(recording: Recording) -> list[str]:
-    """What there is to say of joints that move, and whose positions or efforts jump to and fro for a sample or two."""
+    """Notes on moving joints whose positions or efforts jump back and forth for a sample or two."""
     found, moves = [], moving(recording)
     for field in ("position", "effort"):
         values = getattr(recording, field)
@@ -97,13 +97,13 @@ def jumping(recording: Recording) -> list[str]:
 
 
 def _apart(values: np.ndarray, segments: list[slice], window: int = WINDOW) -> tuple[np.ndarray, np.ndarray]:
-    """How far values (N, n) are from the median of those around, and that median, (N, n) each."""
+    """Distance of values (N, n) from the median around them, and that median, (N, n) each."""
     usual = np.concatenate([median_filter(values[rows], (window, 1), mode="nearest") for rows in segments])
     return np.abs(values - usual), usual
 
 
 def _range(values: np.ndarray) -> np.ndarray:
-    """What values (N, n) cover but for the few most extreme, (n,)."""
+    """Range of values (N, n) without the few most extreme, (n,)."""
     low, high = np.percentile(values, [0.5, 99.5], axis=0)
     return np.asarray(high - low)
 
@@ -111,10 +111,11 @@ def _range(values: np.ndarray) -> np.ndarray:
 def _bridged(
     values: np.ndarray, share: float, segments: list[slice], moves: np.ndarray, far: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Values (N, n) without glitches, and how many each column had, (n,); where nothing moves (n,) it does not matter.
+    """Values (N, n) without outliers, and how many each column had, (n,).
 
     Args:
-        far: columns (n,) in which what happens more often may be one, too.
+        moves: columns that move, (n,) bool; at rest outliers are ignored.
+        far: columns in which frequent outliers count too, if they are beyond the range of the others, (n,) bool.
     """
     wrong, usual, often = _standing_out(values, share, segments, moves, far)
     if not wrong.any():
@@ -136,7 +137,7 @@ def _standing_out(
     far: np.ndarray,
     window: int = WINDOW,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Where values (N, n) stand out alone, (N, n) bool, the median of those around, (N, n), and whose do often, (n,) bool."""
+    """Outliers among values (N, n), (N, n) bool; the median around each, (N, n); columns with frequent ones, (n,) bool."""
     apart, usual = _apart(values, segments, window)
     least = np.where(moves, share * _range(values), np.inf)
     beyond = np.where(far, BEYOND * _range(usual), np.inf)
@@ -152,7 +153,7 @@ def _standing_out(
 
 
 def resolution(readings: np.ndarray) -> float:
-    """The least by which readings (N,) differ, if they do by that again and again; else nothing."""
+    """The smallest change of readings (N,), if it occurs again and again; else 0."""
     steps = np.abs(np.diff(readings))
     steps = steps[steps > 0.0]
     least = float(steps.min(initial=np.inf))

@@ -1,4 +1,4 @@
-"""Stamps that scatter about an even rate: samples that were taken evenly get their even times back."""
+"""Stamps that scatter about an even rate: evenly taken samples get their even times back."""
 
 from __future__ import annotations
 
@@ -12,38 +12,39 @@ from scipy.ndimage import uniform_filter1d
 from bdnn_ros.recording import Recording
 
 UNEVEN = 0.5
-"""Stamps that are further than this share of a period from an even time were made late, or are of something else."""
+"""A stamp further than this share of a period from its even time is late, or the clock is not even."""
 MOST_LATE = 0.2
-"""Share of such stamps above which they are of something else."""
+"""Share of such stamps above which the clock is not even."""
 CROWDED = 0.05
-"""A sample that comes less than this share of a period before the next says nothing but its noise of how a joint moves."""
+"""Samples closer than this share of a period show nothing but noise of how a joint moved in between."""
 CLEAR = 2.5
-"""So many times as much as chance would, stamps agree how far they are past the ticks, where a clock ticks at all."""
+"""How much better than by chance stamps must agree in phase to be those of a clock."""
 QUEUE = 15
-"""Messages are never late by so many on the whole."""
+"""Mean lateness, in messages, above which there is no clock."""
 MOST_LOST = 2
-"""More for each that came are never lost."""
+"""Lost messages per received one above which there is no clock."""
 ROUNDS = 3
-"""In which the clock is found by the stamps that are not late, and those that are not by the clock."""
+"""Iterations between finding the drift from punctual stamps and finding these from the drift."""
 AROUND = 2.0
-"""A clock's own drift is followed over so long [s]."""
+"""Time over which a clock's drift counts as linear [s]."""
 FEWEST = 20
-"""In fewer samples the two kinds of time cannot be told apart."""
+"""Fewer samples cannot tell even times from stamps."""
 SMOOTHER = 0.9
-"""Even times are taken where positions depart from a smooth course by less than this share of what they do by the stamps."""
+"""Even times are taken if they reduce the positions' deviation from a smooth course to this share or less."""
 FELT = 1e-3
-"""Stamps that scatter by less than this share of a period are not worth a word."""
+"""Scatter, as a share of a period, below which no note is made."""
 EVEN = 1e-6
-"""Stamps that are so near to even times throughout [share of a period] are those: they are rounded, no more."""
+"""Stamps that are all this close to even times [share of a period] are even up to rounding."""
 TINY = 1e-30
 
 
 def without_jitter(recording: Recording) -> Recording:
-    """The recording at even times, where the positions say that it was sampled so; as it is otherwise.
+    """The recording at even times, if its positions show that it was sampled evenly; else unchanged.
 
-    A stamp that is late by dt moves a joint by its velocity times dt, which passes for noise of the position and, differentiated
-    twice, for noise of the acceleration. Where the samples themselves were taken late, even times do the same: whichever makes
-    the positions smoother is right. It is asked first of stamps that are later than others by far, then of all.
+    A stamp that is late by dt shifts the position by velocity times dt, which looks like noise of the position and,
+    differentiated twice, of the acceleration. If the samples themselves were taken late, evening the times does the same
+    harm. So the times that make the positions smoother are taken, first for the stamps that are far too late only, then for
+    all.
     """
     if len(recording) < FEWEST:
         return recording
@@ -60,12 +61,12 @@ def without_jitter(recording: Recording) -> Recording:
 
 
 def taken_at(stamps: np.ndarray, position: np.ndarray, rate: float, segments: Sequence[slice]) -> np.ndarray:
-    """When samples were taken, (N,) [s]: at even times where their positions say so, else at their stamps.
+    """When samples were taken, (N,) [s]: at even times if that makes the positions smoother, else at their stamps.
 
     Args:
         stamps: increasing, (N,) [s].
         position: (N, n).
-        rate: samples a second [Hz].
+        rate: samples per second [Hz].
         segments: rows without gaps.
     """
     time, even = stamps, stamps.copy()
@@ -81,9 +82,9 @@ def taken_at(stamps: np.ndarray, position: np.ndarray, rate: float, segments: Se
 
 
 def _in_order(stamps: np.ndarray, tried: np.ndarray, segments: Sequence[slice]) -> np.ndarray:
-    """The times that are tried (N,) [s], but the stamps on both sides of a gap that they would turn round.
+    """The corrected times (N,) [s], but the original stamps of segments that would overlap with them.
 
-    Each segment has a clock of its own, and messages that waited in a queue make a gap that there is not.
+    Each segment is evened separately, and messages that were delayed in a queue look like a gap.
     """
     result = tried.copy()
     for before, after in pairwise(segments):
@@ -93,7 +94,7 @@ def _in_order(stamps: np.ndarray, tried: np.ndarray, segments: Sequence[slice]) 
 
 
 def _spread_out(recording: Recording) -> Recording:
-    """Without samples that come so shortly before the next one that they were stamped late, or say nothing."""
+    """Without samples that are stamped just before the next one: they are late, or add nothing but noise."""
     steps = np.diff(recording.time, append=np.inf)
     crowded = steps < CROWDED / recording.rate
     if not crowded.any():
@@ -103,7 +104,7 @@ def _spread_out(recording: Recording) -> Recording:
 
 
 def _evened(stamps: np.ndarray) -> np.ndarray:
-    """Times of a clock that ticks evenly but for a slow drift, (N,) [s]; the stamps where they are of no such clock."""
+    """Times of an evenly ticking clock with slow drift, (N,) [s]; the stamps themselves if they fit no such clock."""
     if len(stamps) < FEWEST:
         return stamps
     straight = np.linspace(stamps[0], stamps[-1], len(stamps))
@@ -122,9 +123,10 @@ def _evened(stamps: np.ndarray) -> np.ndarray:
 
 
 def _period(stamps: np.ndarray) -> float:
-    """Of the clock that stamps (N,) are of [s], whatever few of them are late or lost: by what was lost, or as if nothing was.
+    """Period of the clock behind stamps (N,) [s], robust to some late or lost messages.
 
-    The latter holds where stamps are of whole steps of another clock, of which the most frequent is none of this one.
+    The better of two estimates, by how well stamps agree in phase: one that allows for lost messages, and the mean step. The
+    latter holds where stamps are rounded to another clock's ticks, so the most frequent step is not the period.
     """
     periods = _followed(stamps), float(np.mean(np.diff(stamps)))
     return max(
@@ -133,9 +135,9 @@ def _period(stamps: np.ndarray) -> float:
 
 
 def _followed(stamps: np.ndarray) -> float:
-    """The period [s] that is next to the median step, which is off by as many ticks in a thousand as may be lost.
+    """The period [s] nearest the median step, which may be off by a little for every lost message.
 
-    How far the hand gets over ever longer spans tells it ever better, and lost messages change nothing of that.
+    The phase advance over ever longer lags refines it; whole lost periods do not change the phase.
     """
     period, lag = float(np.median(np.diff(stamps))), 1
     while lag <= len(stamps) // 2 and lag * period <= AROUND:
@@ -147,12 +149,12 @@ def _followed(stamps: np.ndarray) -> float:
 
 
 def _hand(stamps: np.ndarray, period: float) -> np.ndarray:
-    """Where a hand that goes round once in a period points, (N,) of absolute value 1."""
+    """Phase of stamps within a period as unit complex numbers, (N,), like a clock hand."""
     return np.asarray(np.exp(2j * np.pi * (stamps - stamps[0]) / period))
 
 
 def _turned(hand: np.ndarray, most: int) -> np.ndarray | None:
-    """How far stamps are past the ticks (N,) [periods], by as few hands around each as tell; None where not so many do."""
+    """Phase of stamps relative to the ticks, (N,) [periods], averaged over just enough stamps; None if they do not agree."""
     around = FEWEST
     while around < 2 * most:
         turned = uniform_filter1d(hand, min(around, most))
@@ -163,11 +165,14 @@ def _turned(hand: np.ndarray, most: int) -> np.ndarray | None:
 
 
 def _lost(behind: np.ndarray) -> np.ndarray | None:
-    """How many messages were lost before each of those that are so far behind an even clock (N,) [periods], but for a constant.
+    """Number of messages lost before each message, up to a constant; None if so many are late or lost that there is no clock.
 
-    A message that is late makes up for it, as those that are lost do not: of all whole numbers that never fall these are the
-    nearest. One more is lost where those before are below a level and those after above it, of which no single one says much.
-    None where so many are late or lost that this is no clock.
+    A late message is followed by ones that are on time, a lost one is never made up for. So this is the nearest non-
+    decreasing sequence of integers: it rises where the messages before lie below a half-integer level and those after above
+    it, on the whole.
+
+    Args:
+        behind: how far each message is behind an even clock, (N,) [periods].
     """
     highest, lowest = np.maximum.accumulate(behind), np.minimum.accumulate(behind[::-1])[::-1]
     if np.mean(highest - lowest) > QUEUE or np.ptp(behind) > MOST_LOST * len(behind):
@@ -181,7 +186,7 @@ def _lost(behind: np.ndarray) -> np.ndarray | None:
 
 
 def _drift(behind: np.ndarray, around: int, late: float) -> np.ndarray:
-    """What stamps are behind an even clock for long (N,) [s], whatever few of them are late by more than others [s]."""
+    """Slow drift of stamps from an even clock (N,) [s], robust to the few that are off by more than `late` [s]."""
     drift = _line_by_line(behind, around)
     for _ in range(ROUNDS):
         odd = np.abs(behind - drift) > late
@@ -192,7 +197,7 @@ def _drift(behind: np.ndarray, around: int, late: float) -> np.ndarray:
 
 
 def _line_by_line(values: np.ndarray, around: int) -> np.ndarray:
-    """Each value (N,) on the straight line that is nearest to the odd number around it (Savitzky and Golay 1964)."""
+    """Moving linear fit to values (N,) over an odd number of samples (Savitzky and Golay 1964)."""
     half = around // 2
     result = uniform_filter1d(values, around)
     if half:
@@ -201,13 +206,13 @@ def _line_by_line(values: np.ndarray, around: int) -> np.ndarray:
 
 
 def _line(values: np.ndarray) -> np.ndarray:
-    """The straight line nearest to values (N,)."""
+    """Straight line fitted to values (N,)."""
     at = np.arange(len(values)) - 0.5 * (len(values) - 1)
     return np.asarray(values.mean() + (at @ values / (at @ at)) * at)
 
 
 def _smoother(position: np.ndarray, segments: Sequence[slice], stamps: np.ndarray, tried: np.ndarray) -> bool:
-    """Whether positions depart less from a smooth course by the times that are tried, around those that are others."""
+    """Whether the corrected times make positions smoother, around the samples that they change."""
     rough, smooth = [], []
     for rows in segments:
         other = np.convolve(stamps[rows] != tried[rows], np.ones(5), mode="valid") > 0.0
@@ -225,7 +230,7 @@ def _smoother(position: np.ndarray, segments: Sequence[slice], stamps: np.ndarra
 
 
 def _roughness(time: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Squares by which values (N, n) depart from the cubic through their four neighbours, (N - 4, n)."""
+    """Squared deviations of values (N, n) from the cubic through their four neighbours, (N - 4, n)."""
     at, near = time[2:-2], [time[:-4], time[1:-3], time[3:-1], time[4:]]
     predicted = np.zeros_like(values[2:-2])
     for k, place in enumerate((slice(0, -4), slice(1, -3), slice(3, -1), slice(4, None))):

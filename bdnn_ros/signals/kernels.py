@@ -1,4 +1,4 @@
-"""Gaussian kernels: a low-pass, its derivatives, the noise they let through, and the grid they work on."""
+"""Gaussian kernels: a low-pass and its derivatives, the noise that passes them, and the grid they work on."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ KERNEL_WIDTHS = 4.0
 """Half length of the kernel in standard deviations."""
 
 NOTHING = 1e-18
-"""What is kept of a sample so small a part of is forgotten."""
+"""A filter's memory of a sample below this is dropped."""
 
 ROUNDING = 0.05
-"""A rate this close to a whole number of working rates counts as there: 999 and 1001 Hz go together."""
+"""Tolerance within which a rate counts as a multiple of the working rate: 999 and 1001 Hz go together."""
 
 
 def gaussian_std(cutoff: float) -> float:
@@ -25,7 +25,7 @@ def gaussian_std(cutoff: float) -> float:
 
 
 def kernel_half(std: float, rate: float) -> int:
-    """Weights on either side of the middle one of `gaussian_kernel`."""
+    """Number of weights on either side of the middle one in `gaussian_kernel`."""
     return max(int(np.ceil(KERNEL_WIDTHS * std * rate)), 2)
 
 
@@ -33,7 +33,7 @@ def kernel_half(std: float, rate: float) -> int:
 def gaussian_kernel(std: float, rate: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Weights of the low-pass and of its first and second derivative, to be convolved with even samples.
 
-    Moments are made exact on the grid: the low-pass keeps constants and ramps (a parabola is raised by the
+    Moments are exact on the grid: the low-pass keeps constants and ramps (a parabola is raised by the
     kernel's variance), and the derivatives of parabolas are exact.
     """
     half = kernel_half(std, rate)
@@ -51,33 +51,33 @@ def gaussian_kernel(std: float, rate: float) -> tuple[np.ndarray, np.ndarray, np
 
 
 def convolved(values: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Convolution of values (N, ...) with a long symmetric kernel (K,); they go on beyond an end as before it, turned by 180°."""
+    """Convolution of values (N, ...) with a long symmetric kernel (K,); values are continued by point reflection at the ends."""
     half = len(weights) // 2
     margins = [(half, half)] + [(0, 0)] * (values.ndim - 1)
     padded = np.pad(np.asarray(values, float), margins, mode="reflect", reflect_type="odd")
-    size = fft.next_fast_len(len(padded), real=True)  # what wraps around is in the margin
+    size = fft.next_fast_len(len(padded), real=True)  # wrap-around stays in the margin
     kernel = fft.rfft(weights, size).reshape(-1, *[1] * (values.ndim - 1))
     both = fft.irfft(fft.rfft(padded, size, axis=0) * kernel, size, axis=0)
     return np.asarray(both[2 * half : 2 * half + len(values)])
 
 
 def lagging(values: np.ndarray, lag: float, rate: float) -> np.ndarray:
-    """Values (N, ...) at a rate [Hz] behind a low-pass of first order of a time constant [s] that rests at the first."""
+    """Values (N, ...) at a rate [Hz] after a first-order low-pass of a time constant [s], at rest at the first value."""
     both = 2.0 * lag * rate
     return _first_order(values, 1.0 / (1.0 + both), 1.0 / (1.0 + both), (both - 1.0) / (both + 1.0))
 
 
 def trailing(values: np.ndarray, lag: float, rate: float) -> np.ndarray:
-    """The same, exact for straight lines between samples: what a low-pass makes of a motion that it sees all along."""
+    """As `lagging`, but exact for input that is linear between samples: for a low-pass that sees the continuous motion."""
     keep = float(np.exp(-1.0 / (lag * rate)))
     weight = lag * rate * (1.0 - keep)
     return _first_order(values, 1.0 - weight, weight - keep, keep)
 
 
 def _first_order(values: np.ndarray, now: float, before: float, keep: float) -> np.ndarray:
-    """Values (N, ...) behind y[k] = now · x[k] + before · x[k - 1] + keep · y[k - 1] that rests at the first; |keep| < 1.
+    """Values (N, ...) after y[k] = now · x[k] + before · x[k - 1] + keep · y[k - 1], initially at rest; |keep| < 1.
 
-    In ever longer strides, each of which does for twice as many samples: scipy.signal takes a second to import.
+    By recursive doubling of the stride: importing scipy.signal takes a second.
     """
     x = values - values[:1]
     result, stride = now * x, 1
@@ -89,9 +89,9 @@ def _first_order(values: np.ndarray, now: float, before: float, keep: float) -> 
 
 
 def convolving_at(weights: np.ndarray, samples: np.ndarray, segments: Sequence[slice]) -> csr_array:
-    """The convolution with a symmetric kernel (K,) at some samples (R,), segment by segment, as a sparse matrix (R, N).
+    """Convolution with a symmetric kernel (K,) at some samples (R,), segment by segment, as a sparse matrix (R, N).
 
-    A segment's first and last value go on beyond its ends.
+    Beyond its ends a segment is continued by its first and last value.
     """
     half = len(weights) // 2
     inside = [samples[(samples >= rows.start) & (samples < rows.stop)] for rows in segments]
@@ -108,7 +108,7 @@ def convolving_at(weights: np.ndarray, samples: np.ndarray, segments: Sequence[s
 def convolved_at(
     values: np.ndarray, weights: np.ndarray, samples: np.ndarray, segments: Sequence[slice]
 ) -> np.ndarray:
-    """What `convolving_at` makes of values (N, ...), once, (R, ...): near samples in one dense product, which is faster."""
+    """`convolving_at` applied to values (N, ...), (R, ...): nearby samples by one dense product, faster for a single use."""
     flat, reach = values.reshape(len(values), -1), np.arange(len(weights)) - len(weights) // 2
     parts = [np.empty((0, flat.shape[1]))]
     for rows in segments:
@@ -127,14 +127,14 @@ def convolved_at(
 def passed_noise(
     noise: np.ndarray, std: float, rate: float, order: int = 0, twiced: bool = False
 ) -> np.ndarray:
-    """Standard deviation of low-passed white noise or of one of its derivatives, the shape of `noise` [its unit/s^order].
+    """Standard deviation of low-passed white noise, or of its derivative, the shape of `noise` [its unit/s^order].
 
     Args:
         noise: standard deviation of samples before the low-pass.
         std: of the Gaussian kernel [s].
-        rate: samples a second [Hz].
-        order: 0 for the noise itself, 1 or 2 for its derivative.
-        twiced: behind 2 K - K² instead of the kernel K.
+        rate: samples per second [Hz].
+        order: 0 for the noise itself, 1 or 2 for its derivatives.
+        twiced: after 2 K - K² instead of the kernel K.
     """
     moment = (1.0, 1.0 / 2.0, 3.0 / 4.0)[order]
     if twiced:
@@ -143,10 +143,10 @@ def passed_noise(
 
 
 def even_grid(rate: float, least: float) -> tuple[float, int]:
-    """Step of the even grid [s] for samples at a rate [Hz], and how many of its samples make one working sample.
+    """Step of the even grid [s] for samples at a rate [Hz], and how many grid points make one working sample.
 
     Args:
-        least: working samples per second that are enough [Hz].
+        least: sufficient number of working samples per second [Hz].
     """
     ratio = rate / least
     if ratio >= 1.0:
@@ -155,6 +155,6 @@ def even_grid(rate: float, least: float) -> tuple[float, int]:
 
 
 def grid_of(rate: float, working: float) -> tuple[float, int]:
-    """The same for samples at a rate [Hz] of which so many working samples a second are to be made [Hz]."""
+    """As `even_grid`, for samples at a rate [Hz] and a given working rate [Hz]."""
     every = max(int(np.ceil(rate / working - ROUNDING)), 1)
     return 1.0 / (working * every), every

@@ -1,4 +1,4 @@
-"""Low-passes that signals had passed before they were recorded, and what is left of them once their passband is restored."""
+"""Low-passes that signals had passed before they were recorded, and what remains of them after compensation."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from functools import lru_cache
 import numpy as np
 
 LEAST_GAIN = 0.1
-"""What was let through less than this is not restored: there is more noise in it than signal."""
+"""Least gain that is compensated: below it there is more noise than signal."""
 ENOUGH = 5.0
-"""Frequencies up to here are given back [Hz]: beyond, a robot's motion holds less than its noise."""
+"""Highest frequency to restore [Hz]: beyond, a robot's motion is below the noise."""
 GRID = 1 << 14
 """Samples of the longest kernel."""
 TAIL = 1e-3
@@ -22,14 +22,14 @@ class Lowpass:
     """A low-pass without delay: a Butterworth filter of an order run both ways, or a Gaussian (order 0).
 
     Attributes:
-        cutoff: where its gain is one half [Hz]; of one way, -3 dB.
+        cutoff: where its gain is one half [Hz], as that of a filter run one way is -3 dB.
     """
 
     cutoff: float
     order: int = 2
 
     def gain(self, frequency: np.ndarray) -> np.ndarray:
-        """Share of each frequency [Hz] that is let through, the shape of `frequency`."""
+        """Gain at each frequency [Hz], the shape of `frequency`."""
         relative = np.asarray(frequency) / self.cutoff
         if self.order == 0:
             return np.asarray(0.5 ** (relative**2))
@@ -46,16 +46,16 @@ class Lowpass:
 
 @dataclass(frozen=True)
 class Restored:
-    """What a low-pass becomes where all that it let through well enough is given back (Wiener, 1949).
+    """A low-pass after compensation, in its passband, of all that it let through well enough (Wiener, 1949).
 
     Attributes:
-        lowpass: that the signals had passed.
+        lowpass: the one that the signals had passed.
     """
 
     lowpass: Lowpass
 
     def gain(self, frequency: np.ndarray) -> np.ndarray:
-        """Share of each frequency [Hz] that is let through in the end."""
+        """Overall gain at each frequency [Hz]."""
         power, noise = self.lowpass.gain(frequency) ** 2, _noise(self.lowpass)
         return np.asarray(power * (1.0 + noise) / (power + noise))
 
@@ -68,12 +68,12 @@ class Restored:
 
 @dataclass(frozen=True)
 class Restoring:
-    """What gives back what a low-pass took, as far as it let anything through."""
+    """The filter that compensates a low-pass as far as it let anything through."""
 
     lowpass: Lowpass
 
     def gain(self, frequency: np.ndarray) -> np.ndarray:
-        """What each frequency [Hz] is multiplied with."""
+        """Gain at each frequency [Hz]."""
         gain, noise = self.lowpass.gain(frequency), _noise(self.lowpass)
         return np.asarray(gain * (1.0 + noise) / (gain**2 + noise))
 
@@ -82,13 +82,13 @@ Response = Lowpass | Restored | Restoring
 
 
 def _noise(lowpass: Lowpass) -> float:
-    """Share of noise in power at which half of a frequency is given back: at `ENOUGH`, or where too little was let through."""
+    """Noise-to-signal power at which a frequency is half restored: at `ENOUGH`, or at the least restored gain."""
     return max(float(lowpass.gain(np.array([ENOUGH]))[0]), LEAST_GAIN) ** 2
 
 
 @lru_cache(maxsize=128)
 def kernel_of(response: Response, rate: float) -> np.ndarray:
-    """Symmetric kernel (K,) of a gain, to be convolved with even samples; it keeps constants as the gain does."""
+    """Symmetric kernel (K,) of a filter, to be convolved with even samples; its gain at 0 Hz is exact."""
     kernel = np.fft.fftshift(np.fft.irfft(response.gain(np.fft.rfftfreq(GRID, 1.0 / rate))))
     reach = max(_reach(kernel, TAIL), 2)
     kept = kernel[GRID // 2 - reach : GRID // 2 + reach + 1]
@@ -98,12 +98,12 @@ def kernel_of(response: Response, rate: float) -> np.ndarray:
 
 
 def reach_of(response: Response, rate: float, share: float) -> int:
-    """How many samples about each one what becomes of it hangs on, but for a share of the kernel."""
+    """Number of samples on either side that influence a filtered one, but for a share of the kernel's magnitude."""
     return _reach(kernel_of(response, rate), share)
 
 
 def _reach(kernel: np.ndarray, share: float) -> int:
-    """Half the length of a symmetric kernel (K,) beyond which less than a share of it lies."""
+    """Half length of a symmetric kernel (K,) beyond which less than a share of its magnitude lies."""
     half = np.abs(kernel[len(kernel) // 2 :])
     beyond = np.cumsum(half[::-1])[::-1]
     within = np.flatnonzero(beyond < share * beyond[0])

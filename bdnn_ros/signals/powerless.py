@@ -1,4 +1,4 @@
-"""Where a robot stands on its brakes, or its motors are off: efforts of nothing, which say nothing of what acts."""
+"""Robots that rest on their brakes or with motors off: efforts of zero, which say nothing about what acts."""
 
 from __future__ import annotations
 
@@ -8,24 +8,25 @@ from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 from bdnn_ros.recording import Recording, further, position_noise
 
 WINDOW = 0.5
-"""For at least so long it stands [s]."""
+"""Least duration of rest [s]."""
 NOTHING = 2.0
-"""Efforts are none whose mean over that time is less than so many standard deviations of their noise,"""
+"""An effort is zero if its mean over that time is below this many standard deviations of its noise,"""
 UNTRIMMED = 0.01
-"""or than this share of what the joint's efforts come to elsewhere: no sensor's zero is right to the last bit."""
+"""or below this share of the joint's usual effort: no sensor's zero is exact."""
 USUAL = 95.0
-"""What efforts come to: so many percent of them are less."""
+"""Percentile of the magnitudes that counts as the usual effort [%]."""
 
 
 def usual_effort(effort: np.ndarray) -> np.ndarray:
-    """What the efforts (N, n) of each joint come to, (n,)."""
+    """Magnitude that a joint's efforts (N, n) rarely exceed, (n,)."""
     return np.asarray(np.percentile(np.abs(effort), USUAL, axis=0))
 
 
 def powerless(recording: Recording) -> np.ndarray:
-    """Samples at which all joints stand and none has an effort, (N,) bool.
+    """Samples at which all joints rest with zero effort, (N,) bool.
 
-    Joints that carry nothing rest like that as well: what is lost of them, their motion tells.
+    Joints that bear no load may rest like that as well; losing these samples does no harm, as their motion gives the
+    information.
     """
     effort = recording.require_effort()
     size = 2 * int(np.ceil(WINDOW * recording.rate / 2.0)) + 1
@@ -37,7 +38,7 @@ def powerless(recording: Recording) -> np.ndarray:
     stands = np.asarray(~further(covered, position_noise(recording)).any(axis=1))
     if not stands.any():
         return stands
-    # noise by successive differences: an effort that falls from what held the arm to nothing is no noise
+    # noise by successive differences, so the step when the motors are switched off does not count
     steps = np.diff(effort, axis=0, prepend=effort[:1])
     noise = np.sqrt(uniform_filter1d(steps**2, size, axis=0).clip(0.0) / 2.0)
     untrimmed = UNTRIMMED * usual_effort(effort)

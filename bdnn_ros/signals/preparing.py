@@ -30,7 +30,7 @@ DEFAULT_CUTOFF = 10.0
 """-3 dB frequency of the low-pass [Hz], lowered for slow recordings to `rate * CUTOFF_PER_RATE`."""
 CUTOFF_PER_RATE = 1.0 / 6.0
 LEAST_CUTOFF = 0.01
-"""A low-pass any lower spans minutes [Hz]: no memory holds the kernel of one that is ever so low."""
+"""Least cut-off [Hz]: the kernel of a lower one spans minutes and takes too much memory."""
 SAMPLES_PER_CUTOFF = 20.0
 """Working rate per cut-off frequency: 200 Hz for 10 Hz."""
 MINIMUM_SAMPLES = 20
@@ -38,7 +38,7 @@ MINIMUM_SAMPLES = 20
 
 
 def mended(recording: Recording) -> Recording:
-    """The recording as `prepare` takes it: without what its driver said twice, read wrong or stamped late, each with a note."""
+    """The recording as `prepare` takes it: repeats, outliers and late stamps corrected, each with a note."""
     single = without_repeats(without_copies(without_wraps(recording)))
     return without_stuck(without_jitter(without_glitches(single)))
 
@@ -94,7 +94,10 @@ def prepare(recording: Recording, cutoff: float | None = None, working: float | 
 
 
 def _unmeasured(recording: Recording, time: np.ndarray) -> np.ndarray | None:
-    """At which moments (N,) an effort says nothing of what acts, (N, n) bool: where one drive rattles or all rest, none does."""
+    """Where the effort at moments (N,) says nothing about what acts, (N, n) bool.
+
+    If one drive rattles or all rest without power, that is so for all joints.
+    """
     if recording.effort is None:
         return None
     none = np.asarray(rattling(recording).any(axis=1)) | powerless(recording)
@@ -103,10 +106,10 @@ def _unmeasured(recording: Recording, time: np.ndarray) -> np.ndarray | None:
 
 
 def flattened(signals: Signals, cutoff: float) -> Signals:
-    """The same signals with their low-pass made flat, to be compared behind a lower one.
+    """The same signals with a flattened low-pass, to be compared after a lower one.
 
-    What the kernel takes is given back once (twicing: 2 K - K², of fourth order; Stuetzle and Mittal, 1979), from motion and
-    effort alike, so that a model which is not linear in the motion commutes with the filter.
+    What the kernel attenuates is added back once (twicing: 2 K - K², of fourth order; Stuetzle and Mittal, 1979), for motion
+    and effort alike, so that a model that is nonlinear in the motion commutes with the filter.
 
     Args:
         cutoff: -3 dB frequency of `smooth` [Hz] from now on.
@@ -128,12 +131,12 @@ def flattened(signals: Signals, cutoff: float) -> Signals:
 
 
 def usual_cutoff(rate: float) -> float:
-    """The cut-off [Hz] that suits a recording's rate [Hz]."""
+    """The default cut-off [Hz] for a recording of this rate [Hz]."""
     return min(DEFAULT_CUTOFF, rate * CUTOFF_PER_RATE)
 
 
 def suitable_cutoff(rate: float, cutoff: float | None = None) -> float:
-    """The cut-off [Hz] asked for, else the usual one, for a recording's rate [Hz].
+    """The given cut-off [Hz], or the default one, for a recording of this rate [Hz].
 
     Raises:
         UsageError: the rate does not allow it, or it is below `LEAST_CUTOFF`.
@@ -149,7 +152,7 @@ def suitable_cutoff(rate: float, cutoff: float | None = None) -> float:
 
 
 def working_rate(rate: float, cutoff: float) -> float:
-    """The rate of the signals [Hz] that `prepare` makes of a recording of a rate behind a cut-off [Hz]."""
+    """The rate of the signals [Hz] that `prepare` makes of a recording with this rate and cut-off [Hz]."""
     step, every = even_grid(rate, SAMPLES_PER_CUTOFF * cutoff)
     return 1.0 / (step * every)
 
@@ -157,7 +160,7 @@ def working_rate(rate: float, cutoff: float) -> float:
 def _segment(
     recording: Recording, rows: slice, cutoff: float, step: float, every: int
 ) -> dict[str, np.ndarray]:
-    """One gap-free piece on the working grid, without the kernel's half length at each end."""
+    """One gap-free piece on the working grid, shortened by half the kernel's length at each end."""
     stamps = recording.time[rows]
     grid = np.arange(stamps[0], stamps[-1], step)
     std = gaussian_std(cutoff)
@@ -167,7 +170,7 @@ def _segment(
     if len(grid) <= 2 * half or len(stamps) < 4:
         return {"time": np.empty(0), "position": np.empty((0, recording.width))}
 
-    # against the grid itself, not step by step: small differences add up
+    # compared with the grid, not step by step, as small differences add up
     uniform = len(grid) <= len(stamps) and np.abs(stamps[: len(grid)] - grid).max() < 1e-3 * step
 
     given = {"position": recording.position, "effort": recording.effort, "reported": recording.velocity}

@@ -1,6 +1,6 @@
-"""Stretches in which a drive rattles: its effort turns round and round within a gap, or a loop is not stable, and all shakes.
+"""Stretches in which a drive rattles: its effort oscillates within a gap, or an unstable loop shakes the robot.
 
-The low-pass leaves nothing of it but what is not linear in it: what friction, gaps and v² make of it looks like a push.
+The low-pass removes the oscillation but not its nonlinear effects: what friction, gaps and v² make of it looks like a push.
 """
 
 from __future__ import annotations
@@ -13,21 +13,21 @@ from bdnn_ros.recording import Recording
 from bdnn_ros.signals.kernels import convolved, gaussian_kernel, gaussian_std
 
 FASTER = 10.0
-"""What is faster than this [Hz], or a sixth of the rate, may be rattling."""
+"""Oscillations above this frequency [Hz], or a sixth of the rate if that is less, may be rattling."""
 STRONG = 0.25
-"""It swings by this share of the spread of the slow effort at least..."""
+"""Their amplitude is at least this share of the slow effort's standard deviation, ..."""
 UNUSUAL = 5.0
-"""... by so many times what most fast efforts do while the joint moves..."""
+"""... this many times the usual fast effort while the joint moves, ..."""
 MOST = 0.3
-"""... which are all but this share: what happens more often is usual here..."""
+"""... which all but this share of samples stay below, ..."""
 STEPS = 3.0
-"""... and by so many steps of a sensor that counts in steps."""
+"""... and this many steps of the sensor's resolution."""
 OFTEN = 8
-"""It turns round so many times at least, `FASTER` on the whole..."""
+"""They change sign at least so many times, on average at `FASTER` or above, ..."""
 MOVES, FASTEST = 0.05, 0.99
-"""A joint moves where it is faster than this share of what it is hardly ever faster than, this quantile of its speeds."""
+"""A joint moves where its speed exceeds this share of this quantile of its speeds."""
 PAUSE = 0.25
-"""... and each time no later than this after the time before [s]."""
+"""... each time within this of the time before [s]."""
 
 
 def rattling(recording: Recording) -> np.ndarray:
@@ -49,7 +49,7 @@ def _rattling(time: np.ndarray, position: np.ndarray, effort: np.ndarray) -> np.
     slow = convolved(effort, kernel)
     fast = effort - slow
     strong = STRONG * slow.std(axis=0)
-    # what turns round seldom beyond the least bound does not oftener beyond a higher one, which takes longer to find
+    # what rarely exceeds the least bound exceeds the higher ones, which take longer to compute, no more often
     often = [joint for joint in range(len(strong)) if len(_turns(fast[:, joint], strong[joint])) >= OFTEN]
     for joint in often:
         speed = np.abs(np.gradient(convolved(position[:, joint], kernel)))
@@ -64,14 +64,14 @@ def _rattling(time: np.ndarray, position: np.ndarray, effort: np.ndarray) -> np.
 
 
 def _turns(fast: np.ndarray, least: float) -> np.ndarray:
-    """Where a fast effort (N,) has gone to the other side beyond some size, (T,)."""
+    """Rows at which a fast effort (N,) exceeds a size with the sign opposite to the last time, (T,)."""
     beyond = np.flatnonzero(np.abs(fast) > least)
     sign = fast[beyond] > 0.0
     return beyond[1:][sign[1:] != sign[:-1]]
 
 
 def _swings(time: np.ndarray, fast: np.ndarray, least: float) -> Iterator[slice]:
-    """Rows from where a fast effort (N,) begins to go to and fro beyond some size to where it ends."""
+    """Rows of each stretch in which a fast effort (N,) oscillates beyond some size."""
     turns = _turns(fast, least)
     for run in np.split(turns, np.flatnonzero(np.diff(time[turns]) > PAUSE) + 1):
         if len(run) >= OFTEN and len(run) - 1 > 2.0 * FASTER * (time[run[-1]] - time[run[0]]):

@@ -1,4 +1,4 @@
-"""Joint states that were published twice: a driver slower than its publisher repeats what it said before."""
+"""Joint states that were published twice: a driver slower than its publisher repeats the last one."""
 
 from __future__ import annotations
 
@@ -9,20 +9,20 @@ import numpy as np
 from bdnn_ros.recording import Recording, position_noise
 
 MOST_REPEATS = 0.1
-"""Above this share, equal positions are coarse encoders or a slow driver, and nothing is touched."""
+"""Above this share, equal positions mean a coarse encoder or a slow driver, and nothing is changed."""
 NOISE_WIDTHS = 8.0
-"""A joint that steps further than this many standard deviations of its noise moves."""
+"""A joint moves if a step exceeds this many standard deviations of its noise."""
 CATCHING_UP = 1.5
-"""After a repeat of one message, a step longer than so many steps before makes up for it."""
+"""The position catches up if the step after a repeated message is this many times the step before it."""
 
 
 def without_repeats(recording: Recording) -> Recording:
     """The recording without messages that repeat the one before while the robot moves.
 
-    Where the position then catches up, the repeated message was stale and is left out. Where it goes on as
-    if nothing had been, the driver's clock is slower than the publisher's: a repeat sets the stamps ahead by
-    a period, which they lose again bit by bit. They are put back evenly between one repeat and the next;
-    left as they are, every repeat is a jolt of the acceleration.
+    If the position then catches up, the repeated message was stale and is left out. If it continues as if nothing had
+    happened, the driver's clock is slower than the publisher's: each repeat sets the stamps ahead by a period, which they
+    lose again gradually. These are spread evenly from one repeat to the next; otherwise every repeat would be a jolt of the
+    acceleration.
     """
     runs = _runs(recording)
     if not runs:
@@ -33,13 +33,13 @@ def without_repeats(recording: Recording) -> Recording:
         keep[start:stop] = False
     time = (recording.time - _ahead(recording.time, slips))[keep]
     if (np.diff(time) <= 0.0).any():
-        time = recording.time[keep]  # no clock slips so
+        time = recording.time[keep]  # no clock behaves like that
     note = f"{recording.name}: {np.count_nonzero(~keep)} messages repeat the one before in motion; left out."
     return replace(recording.part(keep), time=time, notes=(*recording.notes, note))
 
 
 def _runs(recording: Recording) -> list[tuple[int, int, bool]]:
-    """Rows [start, stop) that repeat the row before in motion, and whether the position catches up then."""
+    """Rows [start, stop) that repeat the row before during motion, and whether the position then catches up."""
     if len(recording) < 4:
         return []
     steps = np.diff(recording.position, axis=0, prepend=np.nan)
@@ -66,13 +66,13 @@ def _runs(recording: Recording) -> list[tuple[int, int, bool]]:
 
 
 def _witness(recording: Recording) -> np.ndarray | None:
-    """What repeats as well where a message does, (N, n): the velocity; else the effort, which may be read apart from it."""
+    """A signal that repeats whenever a message does, (N, n): the velocity, else the effort, which may be read separately."""
     moving = recording.velocity is not None and bool((np.ptp(recording.velocity, axis=0) > 0.0).all())
     return recording.velocity if moving else recording.effort
 
 
 def _ahead(time: np.ndarray, slips: list[tuple[int, int]]) -> np.ndarray:
-    """How far stamps are ahead of the driver's clock, (N,) [s]: a period after a slip, then less."""
+    """How far stamps are ahead of the driver's clock, (N,) [s]: a period after a slip, then decreasing."""
     ahead = np.zeros(len(time))
     if not slips:
         return ahead

@@ -1,8 +1,8 @@
 """Evenly sampled motion and effort that passed the same low-pass.
 
-Every signal has passed the same Gaussian kernel. What is computed from them (a regressor, a model's effort) is then filtered
-by `Signals.smooth` once more, and so is the effort it is compared with: filtering both sides alike leaves the parameters
-unbiased. A Gaussian never overshoots, which matters beside the steps of dry friction.
+Every signal has passed the same Gaussian kernel. What is computed from them (a regressor, a model's effort) passes
+`Signals.smooth` once more, and so does the effort it is compared with: filtering both sides alike leaves the parameters
+unbiased. A Gaussian does not overshoot, which matters at the steps of dry friction.
 """
 
 from __future__ import annotations
@@ -28,21 +28,21 @@ from bdnn_ros.signals.lasting import lasting
 from bdnn_ros.signals.lowpasses import Lowpass, Response, Restored, kernel_of
 
 UNSEEN = 0.02
-"""An effort tells nothing where so much of what the low-pass saw was not measured."""
+"""Share of unmeasured samples in the low-pass from which on the effort is not used."""
 SLOW_SHARE = 0.02
-"""A joint hardly moves below this share of its usual speed."""
+"""A joint hardly moves if slower than this share of its usual speed."""
 REST_WIDTHS = 5.0
 """A joint slower than this many standard deviations of its velocity's noise counts as at rest."""
 STANDING_SECONDS = 0.2
-"""A joint that turns round is as slow as one at rest for a shorter while than this."""
+"""A reversal looks like rest for less than this."""
 RESTING_SECONDS = 0.5
-"""And all of them at once for a shorter while than this."""
+"""Reversals of all joints at once look like rest for less than this."""
 
 
 def friction_direction(
     velocity: np.ndarray, acceleration: np.ndarray, rate: float, creep: np.ndarray
 ) -> np.ndarray:
-    """Dry friction of joints per its full size, from -1 to 1, mean over each sample period, (N, n).
+    """Dry friction of joints relative to its full size, from -1 to 1, averaged over each sample period, (N, n).
 
     Args:
         velocity, acceleration: [rad/s], [rad/s²], (N, n).
@@ -69,12 +69,12 @@ class Signals:
         cutoff: -3 dB frequency of the low-pass [Hz].
         position_noise: standard deviation of the white noise on the measured position, (n,) [rad].
         raw_rate: the recording's own rate [Hz].
-        flat: cut-off of the flattened low-pass the signals have passed [Hz]; None where it was the one of `smooth`.
+        flat: cut-off of the flattened low-pass that the signals have passed [Hz]; None if that was the one of `smooth`.
         effort_noise: standard deviation of the white noise on the measured effort, (n,) [N·m], or None.
-        unmeasured: where the effort says nothing of what acts, (N, n) bool, or None.
-        own: low-pass that the efforts had passed before they were recorded, or what is left of it, or None.
-        creep: velocities under which dry friction comes on little by little, ahead and back [rad/s], and how early it does
-            [s], (n, 3), or None where it does at once.
+        unmeasured: where the effort says nothing about what acts, (N, n) bool, or None.
+        own: low-pass that the efforts had passed before they were recorded, or what remains of it, or None.
+        creep: velocities up to which dry friction builds up gradually, forwards and backwards [rad/s], and its lead time
+            [s], (n, 3), or None where it steps.
         begun: first stamp of each of several recordings that follow one another [s]; empty for one.
     """
 
@@ -115,15 +115,15 @@ class Signals:
         return self.behind(values, self.cutoff)
 
     def smooth_at(self, values: np.ndarray, samples: np.ndarray) -> np.ndarray:
-        """What `smooth` gives at some samples, in order, (R, ...): no more is computed."""
+        """`smooth` at some samples in ascending order, (R, ...), without computing the others."""
         return convolved_at(values, gaussian_kernel(self.kernel_std, self.rate)[0], samples, self.segments)
 
     def smoothing_at(self, samples: np.ndarray) -> csr_array:
-        """The same as a sparse matrix (R, N), for samples that are asked for again and again."""
+        """`smooth_at` as a sparse matrix (R, N), for repeated use."""
         return convolving_at(gaussian_kernel(self.kernel_std, self.rate)[0], samples, self.segments)
 
     def softening_at(self, samples: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
-        """What `smooth` gives at some samples of softened values, (N, k) to (R, k), for what is asked for again and again."""
+        """`soften` and then `smooth` at some samples as one function, (N, k) to (R, k), for repeated use."""
         smoothing = self.smoothing_at(samples)
         if self.own is not None:
             return lambda values: np.asarray(smoothing @ self.soften(values))
@@ -134,24 +134,24 @@ class Signals:
         return lambda values: np.asarray(both @ values)
 
     def soften(self, values: np.ndarray) -> np.ndarray:
-        """Values (N, ...) with steps or ripples faster than the motion, made as soft as the effort is."""
+        """Values (N, ...) with steps or ripples faster than the motion, low-passed as the effort was."""
         soft = self.smooth(values) if self.flat is None else self.passed(values, self.flat)
         return soft if self.own is None else self.through(soft, self.own)
 
     def behind(self, values: np.ndarray, cutoff: float) -> np.ndarray:
-        """Values (N, ...) behind one more low-pass, a Gaussian of a cut-off [Hz], segment by segment."""
+        """Values (N, ...) after another Gaussian low-pass of a cut-off [Hz], segment by segment."""
         weights = gaussian_kernel(gaussian_std(cutoff), self.rate)[0]
         return self._along(
             values, lambda part: convolve1d(np.asarray(part, float), weights, axis=0, mode="nearest")
         )
 
     def through(self, values: np.ndarray, response: Response) -> np.ndarray:
-        """Values (N, ...) behind one more filter without delay, segment by segment."""
+        """Values (N, ...) after another filter without delay, segment by segment."""
         weights = kernel_of(response, self.rate)
         return self._along(values, lambda part: convolved(part, weights))
 
     def lagging(self, values: np.ndarray, lag: float) -> np.ndarray:
-        """Values (N, ...) behind a low-pass of first order of a time constant [s], as sensors have, segment by segment."""
+        """Values (N, ...) after a first-order low-pass of a time constant [s], as sensors have, segment by segment."""
         return self._along(values, lambda part: lagging(part, lag, self.rate)) if lag else values
 
     def derivative(self, values: np.ndarray) -> np.ndarray:
@@ -159,21 +159,21 @@ class Signals:
         return self._along(values, lambda part: np.gradient(part, 1.0 / self.rate, axis=0))
 
     def _along(self, values: np.ndarray, each: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
-        """What becomes of each segment of values (N, ...), one after the other."""
+        """A function applied to each segment of values (N, ...), the results concatenated."""
         return np.concatenate([each(values[rows]) for rows in self.segments])
 
     def passed(self, values: np.ndarray, cutoff: float) -> np.ndarray:
-        """Values (N, ...) behind a flattened low-pass, see `flattened`, of another cut-off [Hz]."""
+        """Values (N, ...) after a flattened low-pass (see `flattened`) of another cut-off [Hz]."""
         once = self.behind(values, cutoff)
         return 2.0 * once - self.behind(once, cutoff)
 
     @cached_property
     def interior(self) -> np.ndarray:
-        """Samples two standard deviations of `smooth`'s kernel or more from a segment's end, (N,) bool: no edge to speak of."""
+        """Samples at least two standard deviations of `smooth`'s kernel from a segment's end, (N,) bool: no edge effects."""
         return self.interior_after(np.zeros(1))[:, 0]
 
     def interior_after(self, leads: np.ndarray) -> np.ndarray:
-        """Samples whose motion some times later (n,) [s] is in the interior of their segment, (N, n) bool."""
+        """Samples that are in the interior of their segment also some times (n,) [s] later, (N, n) bool."""
         margin = int(np.ceil(2.0 * self.kernel_std * self.rate))
         steps = np.ceil(np.abs(leads) * self.rate).astype(int)
         inside = np.zeros((len(self), len(leads)), bool)
@@ -185,46 +185,46 @@ class Signals:
 
     @cached_property
     def direction(self) -> np.ndarray:
-        """Mean of dry friction's direction over each sample period, (N, n): a reversal in between counts in part."""
+        """Direction of dry friction averaged over each sample period, (N, n): a reversal in between counts in part."""
         creep = np.zeros((self.width, 3)) if self.creep is None else self.creep
         return friction_direction(self.velocity, self.acceleration, self.rate, creep)
 
     @cached_property
     def sign(self) -> np.ndarray:
-        """Direction low-passed as the effort was, (N, n): steps of dry friction are as soft in both."""
+        """`direction`, low-passed as the effort was, (N, n): steps of dry friction are equally soft in both."""
         return self.soften(self.direction)
 
     @property
     def motion_std(self) -> float:
-        """Standard deviation of the Gaussian that position and velocity have passed [s]; `smooth` has its own."""
+        """Standard deviation of the Gaussian that position and velocity have passed [s]; that of `smooth` may differ."""
         return self.kernel_std if self.flat is None else gaussian_std(self.flat)
 
     @cached_property
     def velocity_noise(self) -> np.ndarray:
-        """Standard deviation of what the position's noise leaves in the velocity, (n,) [rad/s]."""
+        """Standard deviation of the velocity's noise that comes from the position's, (n,) [rad/s]."""
         twiced = self.flat is not None
         return passed_noise(self.position_noise, self.motion_std, self.raw_rate, order=1, twiced=twiced)
 
     @cached_property
     def rest_velocity(self) -> np.ndarray:
-        """Speed under which a joint counts as at rest, (n,) [rad/s]."""
+        """Speed below which a joint counts as at rest, (n,) [rad/s]."""
         return np.maximum(REST_WIDTHS * self.velocity_noise, 1e-5)
 
     @cached_property
     def at_rest(self) -> np.ndarray:
-        """Where a joint stands still, so that dry friction has no direction, (N, n) bool."""
+        """Where a joint is at rest, so that dry friction has no direction, (N, n) bool."""
         slow = np.abs(self.velocity) < self.rest_velocity
         return slow & (np.abs(self.acceleration) * self.motion_std < 2.0 * self.rest_velocity)
 
     @cached_property
     def standing(self) -> np.ndarray:
-        """Where a joint is at rest for longer than it takes to turn round, (N, n) bool."""
+        """Where a joint is at rest for longer than a reversal takes, (N, n) bool."""
         least = max(int(np.ceil(STANDING_SECONDS * self.rate)), 1)
         return lasting(self.at_rest, least)
 
     @cached_property
     def hardly_moves(self) -> np.ndarray:
-        """Where a joint is far slower than usual: it may stick, (N, n) bool."""
+        """Where a joint is so much slower than usual that it may stick, (N, n) bool."""
         moving = ~self.at_rest
         squared = np.sum(np.where(moving, self.velocity, 0.0) ** 2, axis=0)
         usual = np.sqrt(squared / np.maximum(moving.sum(axis=0), 1))
@@ -232,13 +232,13 @@ class Signals:
 
     @cached_property
     def resting(self) -> np.ndarray:
-        """Where no joint moves to speak of, for longer than it takes to turn round, (N,) bool."""
+        """Where all joints (nearly) rest for longer than a reversal takes, (N,) bool."""
         least = max(int(np.ceil(RESTING_SECONDS * self.rate)), 1)
         return lasting((self.at_rest | self.hardly_moves).all(axis=1), least)
 
     @cached_property
     def seen(self) -> np.ndarray:
-        """Where the effort, low-passed once more, holds little that was not measured, (N, n) bool."""
+        """Where the effort, low-passed once more, hardly contains unmeasured samples, (N, n) bool."""
         if self.unmeasured is None or not self.unmeasured.any():
             return np.ones(self.position.shape, bool)
         return np.abs(self.smooth(self.soften(self.unmeasured.astype(float)))) < UNSEEN
@@ -248,7 +248,7 @@ class Signals:
         return self.rows((self.time >= start) & (self.time < end))
 
     def rows(self, chosen: np.ndarray) -> Signals:
-        """The chosen samples, (N,) bool; segments are cut where samples are left out."""
+        """The chosen samples, (N,) bool; segments are split where samples are left out."""
         index = np.flatnonzero(chosen)
         owner = np.repeat(np.arange(len(self.segments)), [s.stop - s.start for s in self.segments])
         breaks = np.flatnonzero((np.diff(index) > 1) | (np.diff(owner[index]) != 0)) + 1

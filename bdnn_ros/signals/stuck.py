@@ -1,4 +1,4 @@
-"""Where one drive repeats its last reading while the others go on, with stamps that go on as well: a bus node that drops out."""
+"""A drive that repeats its last reading while others go on, with stamps that go on as well: a bus node that drops out."""
 
 from __future__ import annotations
 
@@ -11,31 +11,31 @@ from bdnn_ros.recording import Recording, white_noise
 from bdnn_ros.signals.unmeasured import PLATEAU, runs
 
 LONGER = 3.0
-"""A position that stays for so many times as long as nine of ten of that joint do may be repeated."""
+"""A position may be stuck if it is constant for this many times as long as nine of ten of the joint's runs."""
 JUMP = 3.0
-"""It jumps where it then is so many times as far away as the joint gets in a sample period when it is fast, ..."""
+"""It then jumps by this many times a fast step of the joint (per sample period), ..."""
 AWAY = 5
-"""... and stays away for so many samples: a wrong reading comes back."""
+"""... and stays away for so many samples, unlike an outlier."""
 SELDOM = 10
-"""And so many steps there are at least for each position that stays: what jumps oftener is moved so."""
+"""Least number of other steps per constant run: a joint that steps less often is moved in jumps."""
 ABRUPT = 3.0
-"""A step that begins or ends in a sample period is so many times what steps usually change by, ..."""
+"""Motion stops or starts abruptly if a step is this many times the usual change between steps, ..."""
 MOVES = 0.1
-"""... and this share at least of a step of the joint when it is fast; so is a velocity that is not none."""
+"""... and at least this share of a fast step; a constant velocity counts from this share of its root mean square."""
 CLEARLY = 0.2
-"""A velocity that is beyond this share of its mean square for half of the time, ..."""
+"""A joint moves by its velocity if its median speed exceeds this share of the root mean square, ..."""
 SECONDS = 1.0
-"""... and for longer than a low-pass takes to fall to nothing [s], ..."""
+"""... for longer than a low-pass takes to decay [s], ..."""
 NOISE_WIDTHS = 5.0
-"""... by so many standard deviations of its noise, ..."""
+"""... with a variation of this many standard deviations of its noise, ..."""
 FAR = 0.02
-"""... and that leads further than this, is that of a joint that moves [rad or m]."""
+"""... and over more than this distance [rad or m]."""
 
 
 def without_stuck(recording: Recording) -> Recording:
     """The recording without the moments at which a drive repeats its last reading although its joint moves.
 
-    The motion of one joint is in the efforts of all: such moments are a gap for all of them.
+    The motion of one joint affects the efforts of all, so these moments become a gap for all joints.
 
     Raises:
         RecordingError: nothing is left.
@@ -62,10 +62,11 @@ def without_stuck(recording: Recording) -> Recording:
 
 
 def stuck(recording: Recording) -> np.ndarray:
-    """Samples that repeat the position of a joint which moves meanwhile, (N, n) bool.
+    """Samples that repeat the position of a joint that moves meanwhile, (N, n) bool.
 
-    A position that stays for long is nothing odd: a joint stands, or its encoder is coarse. What is: that it then jumps, that
-    its velocity says otherwise, or that all its readings stop or start within a sample period while other joints go on.
+    A position that stays constant for long is normal for a joint at rest or with a coarse encoder. It is stuck if it then
+    jumps, if the velocity contradicts it, or if all readings of the joint stop or start within a sample period while other
+    joints go on.
     """
     result = np.zeros(recording.position.shape, bool)
     if len(recording) <= PLATEAU:
@@ -96,7 +97,7 @@ def stuck(recording: Recording) -> np.ndarray:
 
 
 def _pauses(position: np.ndarray, inside: np.ndarray) -> list[tuple[int, int]]:
-    """Rows [start, stop) that show one position (N,) for much longer than is usual, within no gap."""
+    """Rows [start, stop) of one segment with a constant position (N,) for much longer than usual."""
     same = np.append(False, (np.diff(position) == 0.0) & inside)
     first = np.flatnonzero(~same)
     lasts = np.diff(np.append(first, len(same)))
@@ -108,7 +109,7 @@ def _pauses(position: np.ndarray, inside: np.ndarray) -> list[tuple[int, int]]:
 
 
 def _jumps(position: np.ndarray, inside: np.ndarray, stop: int, least: float) -> bool:
-    """Whether a position (N,) is elsewhere all at once, and stays there, after what ends at row `stop`."""
+    """Whether the position (N,) steps away after row `stop` - 1 and stays away."""
     after = position[stop : stop + AWAY]
     if len(after) < AWAY or not inside[stop - 1 : stop + AWAY - 1].all():
         return False
@@ -116,7 +117,7 @@ def _jumps(position: np.ndarray, inside: np.ndarray, stop: int, least: float) ->
 
 
 def _goes_on(recording: Recording, joint: int, rows: slice, least: float) -> bool:
-    """Whether the reported velocity leads further than `least` [rad], and `FAR`, where the position stays."""
+    """Whether the reported velocity integrates to more than `least` [rad] and `FAR` where the position is constant."""
     if recording.velocity is None:
         return False
     whole = rows.stop - rows.start == len(recording)
@@ -136,12 +137,12 @@ def _goes_on(recording: Recording, joint: int, rows: slice, least: float) -> boo
 def _halts(
     recording: Recording, joint: int, rows: slice, steps: np.ndarray, inside: np.ndarray, least: float
 ) -> bool:
-    """Whether all readings of a joint stop or start at once and stay for longer than usual while another joint goes on.
+    """Whether all readings of a joint stop or start abruptly and stay constant for unusually long while another joint moves.
 
     Args:
-        steps: of the positions in a sample period, (N - 1, n) [rad].
-        inside: which of them are within no gap, (N - 1,) bool.
-        least: step from which on it moves [rad].
+        steps: of the positions per sample period, (N - 1, n) [rad].
+        inside: which of them are within a segment, (N - 1,) bool.
+        least: least step of a moving joint [rad].
     """
     if recording.effort is None:
         return False

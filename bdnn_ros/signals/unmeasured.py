@@ -1,4 +1,4 @@
-"""Where a recorded effort says nothing of what acts: a sensor at its limit, a driver that stands still, none at all."""
+"""Where a recorded effort says nothing about what acts: a saturated sensor, a stalled driver, or no sensor at all."""
 
 from __future__ import annotations
 
@@ -7,37 +7,37 @@ import numpy as np
 from bdnn_ros.recording import Recording, further, position_noise
 
 PLATEAU = 5
-"""So many equal samples in a row at a joint's extreme effort are a plateau: the effort was cut off."""
+"""So many equal samples in a row at a joint's extreme effort are a plateau: the effort is saturated,"""
 CROWDED = 5.0
-"""And so many times as many are there as at the next value: a smooth peak in steps of a sensor has two or three times as many."""
+"""if this many times as many samples are there as at the next value (two or three times for a quantised smooth peak),"""
 LASTING = 3.0
-"""And so many times as long it lasts as the runs around it: where these last as long, the effort goes in steps."""
+"""and if it lasts this many times as long as the runs around it: otherwise the effort changes in steps."""
 FEW = 10
-"""An effort of fewer values, none of them seldom, goes in steps throughout, as commands may: no extreme of it is a limit."""
+"""An effort with fewer distinct values, all frequent, changes in steps throughout, as commands may: it has no limit."""
 HELD = 3.0
-"""Efforts of all joints that stay for so many times as long as they usually do are held by their driver."""
+"""The driver holds the efforts if those of all joints are constant for this many times as long as usual."""
 OTHERS = 99.0
-"""That of a single joint is where it stays so many times as long as all but the longest of its runs do, in percent,"""
+"""It holds a single joint's if constant for that many times this percentile of the joint's runs [%]"""
 HELD_SECONDS = 0.1
 """and for so long at least [s], while the joint moves."""
 
 AT_LIMIT = 0.98
-"""Efforts this near a limit are at it."""
+"""An effort above this share of the limit is at the limit."""
 
 
 def unmeasured(recording: Recording) -> np.ndarray:
-    """Samples of a recording with effort at which it was not measured, (N, n) bool."""
+    """Samples of a recording with effort at which it was not really measured, (N, n) bool."""
     effort = recording.require_effort()
     return cut_off(effort) | held(effort)[:, None] | held_alone(recording) | absent(effort)
 
 
 def absent(effort: np.ndarray) -> np.ndarray:
-    """Joints whose effort is the same throughout, (n,) bool: their driver reports none."""
+    """Joints whose effort is constant throughout, (n,) bool: their driver reports none."""
     return np.asarray(np.ptp(effort, axis=0) == 0.0)
 
 
 def cut_off(effort: np.ndarray) -> np.ndarray:
-    """Samples of runs of at least `PLATEAU` that stay at a joint's highest or lowest effort on its way beyond, (N, n) bool."""
+    """Samples of runs of at least `PLATEAU` at a joint's highest or lowest effort that look saturated, (N, n) bool."""
     result = np.zeros(effort.shape, bool)
     repeats = (np.diff(effort, axis=0) == 0.0).sum(axis=0)
     for k in np.flatnonzero(repeats >= PLATEAU - 1):
@@ -54,7 +54,7 @@ def cut_off(effort: np.ndarray) -> np.ndarray:
 
 
 def held(effort: np.ndarray) -> np.ndarray:
-    """Samples that repeat the efforts of all joints for much longer than is usual here, (N,) bool."""
+    """Samples that repeat the efforts of all joints for much longer than usual, (N,) bool."""
     first, lasts = runs(effort)
     if lasts.max() <= PLATEAU:
         return np.zeros(len(effort), bool)
@@ -65,7 +65,7 @@ def held(effort: np.ndarray) -> np.ndarray:
 
 
 def held_alone(recording: Recording) -> np.ndarray:
-    """Samples that repeat a joint's own effort for much longer than ever else although the joint moves, (N, n) bool."""
+    """Samples that repeat one joint's effort for much longer than ever otherwise, although the joint moves, (N, n) bool."""
     effort = recording.require_effort()
     result = np.zeros(effort.shape, bool)
     least, noise = max(PLATEAU, HELD_SECONDS * recording.rate), position_noise(recording)
@@ -82,11 +82,9 @@ def held_alone(recording: Recording) -> np.ndarray:
 
 
 def at_limit(effort: np.ndarray, limits: np.ndarray) -> np.ndarray:
-    """Samples (N, n) that are cut off, or near a joint's limit (n,), inf for none; one that efforts exceed cuts nothing."""
+    """Samples (N, n) that are saturated or near a joint's limit (n,), inf for none; a limit that efforts exceed is ignored."""
     limits = np.where(np.abs(effort).max(axis=0) <= limits / AT_LIMIT, limits, np.inf)
-    stopped = held(effort)[:, None] & (
-        effort.shape[1] > 1
-    )  # of one joint alone nothing tells a hold from a limit
+    stopped = held(effort)[:, None] & (effort.shape[1] > 1)  # with one joint a hold looks like a limit
     return (cut_off(effort) & ~stopped) | (np.abs(effort) >= AT_LIMIT * limits)
 
 
@@ -97,6 +95,6 @@ def runs(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _around(lasts: np.ndarray) -> np.ndarray:
-    """Median length of the two runs before and after each, (K,); beyond the ends as before them."""
+    """Median length of the two runs before and the two after each, (K,); mirrored at the ends."""
     padded = np.pad(lasts, 2, mode="reflect")
     return np.asarray(np.median([padded[:-4], padded[1:-3], padded[3:-1], padded[4:]], axis=0))

@@ -1,4 +1,4 @@
-"""Angles that were recorded within one turn: where they leave it they jump by 2 pi."""
+"""Angles that were recorded modulo one turn: they jump by 2 pi where they leave it."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from bdnn_ros.errors import listed
 from bdnn_ros.recording import Recording
 
 NEAR = 0.2
-"""A step this near to whole turns is one [share of a turn]."""
+"""Tolerance of a jump by whole turns [share of a turn]."""
 NOISE = 0.05
-"""Readings within one turn cover so much more of it with their noise [share of a turn]..."""
+"""Readings within one turn exceed it by at most this due to noise [share of a turn], ..."""
 ODD = 0.5
-"""... but for so many of them at either end, which are read wrong [%]."""
+"""... except so many at either end, which may be outliers [%]."""
 
 
 def wraps(position: np.ndarray) -> np.ndarray:
-    """Whole turns that each sample jumps from the one before, (N, n); zero where it is no jump by whole turns.
+    """Whole turns by which each sample jumps from the one before, (N, n); zero if it does not jump by whole turns.
 
-    Only what stays within the turn (or turns) it jumps by was recorded so: what goes further is a quick motion, or in another
-    unit than radians.
+    Only a position that stays within the turn (or turns) of its jumps was recorded so: if its range is larger, the motion is
+    fast, or the unit is not radians.
 
     Args:
         position: [rad], (N, n).
@@ -30,11 +30,11 @@ def wraps(position: np.ndarray) -> np.ndarray:
 
 
 def between(before: np.ndarray, after: np.ndarray, share: np.ndarray, position: np.ndarray) -> np.ndarray:
-    """Positions that lie a share (N, 1) of the way from some to others, (N, n): not across the turn that they are recorded in.
+    """Positions interpolated at a share (N, 1) of the way from `before` to `after`, (N, n), not across a wrap.
 
     Args:
         before, after: of `position`, (N, n).
-        position: what there is of them, (M, n) [rad] ([m]), NaN where nothing is known.
+        position: all that is known, (M, n) [rad] ([m]), NaN where nothing is.
     """
     steps = after - before
     turns = _turns(steps, position)
@@ -47,7 +47,7 @@ def between(before: np.ndarray, after: np.ndarray, share: np.ndarray, position: 
 
 
 def _turns(steps: np.ndarray, position: np.ndarray) -> np.ndarray:
-    """Whole turns in steps (N, n) between positions (M, n); zero where it is no jump by whole turns, as in `wraps`."""
+    """Whole turns in steps (N, n) between positions (M, n); zero where it is no wrap, see `wraps`."""
     turns = np.where(np.isfinite(steps), steps, 0.0) / (2.0 * np.pi)
     whole = np.round(turns)
     jumps = np.where(np.abs(turns - whole) < NEAR, whole, 0.0)
@@ -59,20 +59,20 @@ def _turns(steps: np.ndarray, position: np.ndarray) -> np.ndarray:
 
 
 def _ends(position: np.ndarray) -> tuple[float, float]:
-    """What positions (N,) lie between, but for a few that are read wrong."""
+    """Range of positions (N,) without the few most extreme, which may be outliers."""
     low, high = np.percentile(position[np.isfinite(position)], (ODD, 100.0 - ODD))
     return float(low), float(high)
 
 
 def without_wraps(recording: Recording) -> Recording:
-    """The recording with the turns put back that a driver took from the position.
+    """The recording with wrapped positions made continuous.
 
-    A joint that goes on from pi to -pi has not turned round; left as it is, its velocity is hundreds of radians a second.
+    A joint that goes on from pi to -pi has not moved back; uncorrected, its velocity would be hundreds of radians per second.
     """
     turns = wraps(recording.position)
     if not turns.any():
         return recording
-    turns[[rows.start for rows in recording.segments()]] = 0.0  # in a pause a joint may go anywhere
+    turns[[rows.start for rows in recording.segments()]] = 0.0  # a joint may move anywhere during a gap
     jumps = turns != 0.0
     if not jumps.any():
         return recording

@@ -15,24 +15,25 @@ DAMPING = 1.0
 PHASE_BUDGET = 0.2
 """Bandwidth times dead time (half a sample, and the effort's delay) must not exceed this [rad]."""
 BEHIND = 0.1
-"""What is known to hold a joint so far from its plan is compensated [rad]."""
+"""Known resistance that would hold a joint this far from its plan is compensated [rad]."""
 HEAVIER = 2.0
-"""What a joint moves where it is so many times what the description says is known to its position loop, as by tuning."""
+"""Ratio of real to described inertia from which the position loop knows the real one, as if it was tuned."""
 SOFTEST = 0.25
-"""Bandwidth per frequency of the link on its elastic gear."""
+"""Largest bandwidth per natural frequency of the link on its elastic gear."""
 
 
 class Controller:
     """Computed torque: u = known inverse dynamics at (q, qd, qdd_plan + k_p error + k_d error rate).
 
-    It knows the description, effects that it is told of, and of the real robot only its rotors, how fast each position loop may
-    be, and what a joint moves that is far heavier than known: as a wrist's link is with what it carries. Known friction and what
-    else is known to resist is left to the position loop, unless it would hold the joint far from its plan.
+    It knows the description and the effects it is told of. Of the real robot it knows, as if tuned on it, only the rotor
+    inertias, the possible loop bandwidth, and the inertia of joints that move far more than described, such as a wrist with
+    its payload. Known friction and other known resistance is left to the position loop, unless it would hold the joint far
+    from its plan.
 
     Args:
-        known: the description with the effects that are known.
+        known: the description with the known effects.
         plant: the real robot.
-        plan: what the robot should do.
+        plan: the motion to follow.
     """
 
     def __init__(self, known: Plant, plant: Plant, plan: Trajectory) -> None:
@@ -58,7 +59,7 @@ class Controller:
         return np.minimum(np.maximum(command, -self.limit), self.limit)
 
     def _beside(self, known: Plant, real: Robot, plan: Trajectory) -> np.ndarray:
-        """What is known beside bodies, along the plan, of joints that the position loop would leave behind, (N, n) [N·m]."""
+        """Known resistance beyond rigid bodies along the plan, for joints that would lag far behind without it, (N, n) [N·m]."""
         resisting = known.robot.friction(plan.position, plan.velocity) - known.offset
         resisting += known.resistance(plan.time, plan.position, plan.velocity, plan.acceleration)
         try:
@@ -83,7 +84,7 @@ def loop_bandwidth(nominal: Robot, plant: Plant, plan: Trajectory) -> float:
 
 
 def _unknown_inertia(nominal: Robot, real: Robot, plan: Trajectory) -> np.ndarray:
-    """What joints that move `HEAVIER` times what is described move beside that, the least along the plan, (n,) [kg·m²]."""
+    """Inertia beyond the described one, of joints that move `HEAVIER` times as much, its minimum along the plan, (n,) [kg·m²]."""
     poses = plan.position[::50]
     described, moved = (
         np.diagonal(robot.mass_matrix(poses) - np.diag(robot.armature), axis1=1, axis2=2)

@@ -1,4 +1,4 @@
-"""Motions that bring out the dynamics: Fourier series within a robot's limits.
+"""Motions that excite the dynamics: Fourier series within a robot's limits.
 
 Swevers, Ganseman, Tükel, De Schutter, Van Brussel, Optimal robot excitation and identification, IEEE T-RA
 13(5), 1997.
@@ -17,22 +17,22 @@ from bdnn_ros.robot import Robot
 HIGHEST_FREQUENCY = 1.0
 """Highest harmonic [Hz]."""
 STEEPNESS = 0.8
-"""Amplitudes fall with this power of the frequency: wide slow motion under quick small one."""
+"""Amplitudes decrease with this power of the frequency: wide slow motion plus fast small motion."""
 LONGEST_PERIOD = 20.0
 """Base period of the series [s]; a shorter motion has its own duration."""
 LOOKED_AT = 3.0 * LONGEST_PERIOD
-"""A series repeats itself: it is judged by so much of it, at 250 points [s]."""
+"""A series is periodic: it is judged by its first part of this length, at 250 points [s]."""
 BLEND = 1.5
-"""The motion swells from rest over so many seconds."""
+"""Duration of the transition from rest [s]."""
 POSITION_SHARE, VELOCITY_SHARE, EFFORT_SHARE = 0.8, 0.75, 0.75
-"""What the plan uses of the limits; the rest is for tracking errors and for effects."""
+"""Shares of the limits that the plan uses; the rest is left for tracking errors and effects."""
 ACCELERATION_PER_VELOCITY = 3.0
-"""Acceleration limit per velocity limit [1/s]: URDFs give none."""
+"""Assumed acceleration limit per velocity limit [1/s], as URDFs have none."""
 WIDEST = 1.6
-"""Largest amplitude of a joint, also where the limits allow more [rad]."""
+"""Largest amplitude of a joint, even if the limits allow more [rad]."""
 CANDIDATES = 12
 ABOUT_THE_MIDDLE, ANYWHERE = 0.15, 0.4
-"""How far from the middle of its range a joint may move about, per range: the second where an arm cannot hold the first."""
+"""Largest distance of a series' centre from the middle of the range, per range; the second if the first needs too much effort."""
 MORE_TRIALS = 10
 
 
@@ -46,13 +46,13 @@ class Trajectory:
     acceleration: np.ndarray
 
     def of(self, joints: Sequence[int]) -> Trajectory:
-        """That of some joints, in their order."""
+        """The motion of some joints, in their order."""
         columns = (one[:, joints] for one in (self.position, self.velocity, self.acceleration))
         return Trajectory(self.time, *columns)
 
 
 def fourier(robot: Robot, time: np.ndarray, rng: np.random.Generator) -> Trajectory:
-    """The most informative of some random Fourier series that keep all limits.
+    """The most informative of several random Fourier series that keep all limits.
 
     Args:
         time: evenly spaced from 0, (N,) [s].
@@ -80,7 +80,7 @@ def fourier(robot: Robot, time: np.ndarray, rng: np.random.Generator) -> Traject
 
 
 def poor(robot: Robot, time: np.ndarray, rng: np.random.Generator, joint: int | None = None) -> Trajectory:
-    """One joint moves slowly and a little, the others rest: a motion that tells few causes apart.
+    """One joint moves slowly over a small range, the others rest: a motion that distinguishes few causes.
 
     Args:
         joint: the joint that moves; None draws one.
@@ -109,7 +109,7 @@ class _Series:
     def drawn(
         cls, robot: Robot, duration: float, rng: np.random.Generator, about: float = ABOUT_THE_MIDDLE
     ) -> _Series:
-        """A random series of unit size about a random pose, at most so far from the middle of its range."""
+        """A random series of unit size about a random pose, at most a share `about` of each range from its middle."""
         period = min(max(duration, 2.0), LONGEST_PERIOD)
         frequencies = np.arange(1, max(int(HIGHEST_FREQUENCY * period), 2) + 1) / period
         shape = (robot.width, len(frequencies))
@@ -139,7 +139,7 @@ class _Series:
 
 
 def _scaled(robot: Robot, time: np.ndarray, series: _Series) -> _Series | None:
-    """The series as large as the limits allow, or None where gravity alone asks too much."""
+    """The series as large as the limits allow; None if gravity alone exceeds the effort limits."""
     lower, upper = position_range(robot)
     room = POSITION_SHARE * np.minimum(upper - series.centre, series.centre - lower)
     motion = series.at(time)
@@ -160,7 +160,7 @@ def _scaled(robot: Robot, time: np.ndarray, series: _Series) -> _Series | None:
 
 
 def _information(robot: Robot, motion: Trajectory) -> float:
-    """Log determinant of the regressor's information about what can be identified at all."""
+    """Log determinant of the regressor's information about the identifiable parameters."""
     rows = slice(None, None, max(len(motion.time) // 60, 1))
     regressor = robot.regressor(motion.position[rows], motion.velocity[rows], motion.acceleration[rows])
     singular = np.linalg.svd(regressor.reshape(-1, regressor.shape[2]), compute_uv=False)
@@ -168,10 +168,10 @@ def _information(robot: Robot, motion: Trajectory) -> float:
 
 
 def position_range(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
-    """`Limits.usual_range`: position limits, a turn where there are none or wider ones.
+    """`Limits.usual_range`: position limits, or a turn where there are none or wider ones.
 
     Raises:
-        UsageError: a joint's limits leave it no room, as those of an exporter that knows none.
+        UsageError: a joint's limits leave it no room, as an exporter writes them that does not know any.
     """
     lower, upper = robot.limits.usual_range
     stuck = [joint for joint, room in zip(robot.joints, upper - lower, strict=True) if room <= 0.0]
@@ -181,7 +181,7 @@ def position_range(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
 
 
 def smooth_step(x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """A step from 0 to 1 over [0, 1] with two continuous derivatives, and those."""
+    """A step from 0 to 1 over [0, 1] with two continuous derivatives, and these derivatives."""
     x = np.clip(x, 0.0, 1.0)
     return (
         x**3 * (10.0 - 15.0 * x + 6.0 * x**2),

@@ -1,7 +1,7 @@
 """Time integration of a plant: rigid bodies, sticking friction, drives, motors behind elastic or loose gears.
 
 Position Verlet: half a step of position, one step of velocity with the forces in the middle, half a step of
-position. It is second order, keeps energy, and has the held command act exactly over its interval. Dry
+position. It is of second order, conserves energy, and applies the held command exactly over its interval. Dry
 friction is solved for the velocity at the end of the step: a joint that it can hold stops and sticks.
 """
 
@@ -22,7 +22,7 @@ NONE = np.zeros(0, int)
 
 @dataclass
 class State:
-    """Where a plant is: position [rad], velocity, acceleration of the links, (n,) each."""
+    """State of a plant: position [rad], velocity and acceleration of the links, (n,) each."""
 
     position: np.ndarray
     velocity: np.ndarray
@@ -123,7 +123,7 @@ class Integrator:
         applied: np.ndarray,
         stopping: np.ndarray,
     ) -> np.ndarray:
-        """Acceleration where joints stop, stick or turn: friction takes what it needs within its limits."""
+        """Acceleration where joints stop, stick or reverse: friction takes what is needed to hold them, within its limits."""
         velocity = self.state.velocity[stopping]
         lower, upper = self._holding(time, load, stopping)
         inverse = self._inverse_mass()[:, stopping]
@@ -133,7 +133,7 @@ class Integrator:
         return free - inverse @ friction
 
     def _holding(self, time: float, load: np.ndarray, joints: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Limits of what holds some joints (k,) that rest, (k,) each [N·m]."""
+        """Limits of the dry friction that holds joints at rest, (k,) each [N·m]."""
         if not self.dry:
             limit = self.coulomb[joints]
             return -limit, limit
@@ -159,12 +159,12 @@ class Integrator:
 
 
 def _implicit_share(decay: np.ndarray) -> np.ndarray:
-    """Share of a step's viscous friction that acts on its new velocity, (n,): a half, or all where the step outlasts the decay.
+    """Share of viscous friction that acts on the velocity at the end of a step, (n,): about a half, or 1 if it decays within it.
 
-    Exact for one joint alone (exponential integration): a thick joint reaches its speed and does not ring about it.
+    Exact for a single joint (exponential integration), so a strongly damped joint approaches its speed without ringing.
 
     Args:
-        decay: step times rate of decay, (n,).
+        decay: step times decay rate, (n,).
     """
     decay = np.maximum(decay, 1e-6)
     return np.asarray(np.where(decay < 1e-3, 0.5 + decay / 12.0, -1.0 / np.expm1(-decay) - 1.0 / decay))
@@ -173,15 +173,15 @@ def _implicit_share(decay: np.ndarray) -> np.ndarray:
 def held_friction(
     coupling: np.ndarray, wanted: np.ndarray, lower: np.ndarray, upper: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Friction of joints that may stick: what stops them, unless it takes more than there is.
+    """Friction of joints that may stick: what stops them, unless that exceeds its limits.
 
-    The linear complementarity problem `rate = wanted - coupling · friction`, where rate = 0 inside the
-    limits, rate >= 0 at the upper and <= 0 at the lower one, by changing the worst joint's state until none
+    Solves the linear complementarity problem `rate = wanted - coupling · friction`, where rate = 0 inside the
+    limits, rate >= 0 at the upper and <= 0 at the lower one, by changing the state of the most wrong joint until none
     is wrong.
 
     Args:
         coupling: inverse mass matrix of these joints, (k, k).
-        wanted: rate of change over the step without their friction, from rest, (k,) [rad/s²].
+        wanted: rate of change over the step from rest without their friction, (k,) [rad/s²].
         lower, upper: limits of the friction, (k,) [N·m].
 
     Returns:

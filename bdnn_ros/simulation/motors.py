@@ -1,4 +1,4 @@
-"""Motors behind an elastic or loose gear: each has its own inertia, and carries the drive's friction."""
+"""Motors behind an elastic or loose gear: each has its own inertia and bears the drive's friction."""
 
 from __future__ import annotations
 
@@ -9,20 +9,20 @@ import numpy as np
 from bdnn_ros.effects.plant import DryFriction, JointEffort, Plant
 
 LEAST_ROTOR = 0.002
-"""Rotor inertia, as a share of the joint's own inertia, where the joint has no armature."""
+"""Rotor inertia of a joint without armature, as a share of the link's inertia."""
 CONTACT_SHARE = 0.05
-"""A loose but otherwise stiff gear bends by this share of its gap under the joint's largest load."""
+"""Deflection of a loose but stiff gear under the joint's largest load, as a share of its gap."""
 QUICK = 50.0
-"""Acceleration that makes a joint's largest load where gravity does not [rad/s²]."""
+"""Acceleration that sets a joint's largest load if gravity does not [rad/s²]."""
 DAMPING_RATIO = 1.0
-"""Damping of the rotor's oscillation against the gear."""
+"""Damping ratio of the rotor's oscillation on the gear."""
 STEPS_PER_RADIAN = 2.5
 """Steps of integration per radian of the fastest oscillation of a link on its gear."""
 
 
 @dataclass
 class Motor:
-    """One motor: `position` is what its encoder sees, and reports with an `offset`."""
+    """One motor; `position` is what its encoder sees and reports with an `offset`."""
 
     inertia: float
     stiffness: float
@@ -37,7 +37,7 @@ class Motor:
     dry: list[DryFriction] = field(default_factory=list)
 
     def advance(self, time: float, h: float, load: float, link: float, link_velocity: float) -> float:
-        """One implicit step under the drive's effort; what the gear passes on to the link [N·m]."""
+        """One implicit step under the drive's effort; returns the effort that the gear passes on to the link [N·m]."""
         middle = self.position + 0.5 * h * self.velocity
         twist = middle - link
         bend = twist - min(max(twist, -0.5 * self.gap), 0.5 * self.gap)
@@ -64,7 +64,7 @@ class Motor:
 
 @dataclass
 class Motors:
-    """The motors of a plant that are not rigidly fixed to their links; `joints` are theirs."""
+    """The motors of those `joints` of a plant that are not rigidly coupled to their links."""
 
     joints: list[int]
     motors: list[Motor]
@@ -93,7 +93,7 @@ class Motors:
         velocity: np.ndarray,
         drive: np.ndarray,
     ) -> None:
-        """Steps every motor; in `drive` (n,), what reaches the link takes the place of the load."""
+        """Steps every motor; in `drive` (n,), the load is replaced by what reaches the link."""
         for joint, motor in zip(self.joints, self.motors, strict=True):
             passed = motor.advance(
                 time, h, float(load[joint]), float(position[joint]), float(velocity[joint])
@@ -101,7 +101,7 @@ class Motors:
             drive[joint] += passed - load[joint]
 
     def seen(self, position: np.ndarray, velocity: np.ndarray) -> None:
-        """Puts what the encoders see in place of the links' position and velocity, (n,) each."""
+        """Replaces the links' position and velocity by what the encoders see, (n,) each."""
         for joint, motor in zip(self.joints, self.motors, strict=True):
             position[joint], velocity[joint] = motor.position, motor.velocity
 

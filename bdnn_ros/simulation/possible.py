@@ -1,4 +1,4 @@
-"""Robots and effects that a simulation cannot have, and those that would never act in it."""
+"""Refuses robots and effects that cannot be simulated, and finds effects that would never act."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from bdnn_ros.readings import MOST
 from bdnn_ros.robot import Robot
 
 NOTHING = 1e-14
-"""An inertia of this share of the robot's largest is rounding."""
+"""Share of the robot's largest inertia up to which an inertia is rounding error."""
 
 
 def refuse_without_inertia(plant: Plant, poses: np.ndarray) -> None:
-    """Looks at what a plant's joints move at some poses, (N, n) [rad].
+    """Checks the inertia that each joint of a plant moves, at some poses, (N, n) [rad].
 
     Raises:
-        RobotError: some joint moves nothing: any effort would do anything.
+        RobotError: a joint moves no inertia, so its acceleration would be undefined.
     """
     robot = plant.robot
-    geared = np.isfinite(plant.stiffness) | (plant.gap > 0.0)  # there the rotor is not the link's
+    geared = np.isfinite(plant.stiffness) | (plant.gap > 0.0)  # there the rotor does not move with the link
     sizes, directions = np.linalg.eigh(robot.mass_matrix(poses) - np.diag(geared * robot.armature))
     worst = int(np.argmin(sizes[:, 0] / sizes[:, -1].clip(NOTHING)))
     if sizes[worst, 0] > NOTHING * sizes[worst, -1]:
@@ -37,10 +37,10 @@ def refuse_without_inertia(plant: Plant, poses: np.ndarray) -> None:
 
 
 def refuse_impossible(effects: Iterable[Installed], robot: Robot) -> None:
-    """Looks at the numbers of effects.
+    """Checks the numbers of effects.
 
     Raises:
-        UsageError: one is beyond what any robot has, an effect ends before it starts, or two contradict each other.
+        UsageError: one is beyond any robot's, an effect ends before it starts, or two contradict each other.
     """
     before = set[str]()
     for one in effects:
@@ -62,7 +62,7 @@ def refuse_impossible(effects: Iterable[Installed], robot: Robot) -> None:
 
 
 def never_acting(effects: Iterable[Installed], robot: Robot, duration: float) -> list[str]:
-    """A sentence for each effect that acts at other times than those simulated, 0 to `duration` [s]."""
+    """A sentence for each effect that acts only outside the simulated time, 0 to `duration` [s]."""
     return [
         f"{one.effect.name} at {one.place(robot)} acts from {one.values['start']:g} s to {one.values['end']:g} s, "
         f"the simulation from 0 s to {duration:g} s."

@@ -31,20 +31,20 @@ class Scenario:
     Attributes:
         robot: the description.
         effects: specifications, as on the command line.
-        hide: so many random effects more.
-        hidden_names: effects to draw these from; empty for all.
+        hide: number of random effects to add.
+        hidden_names: effects to draw them from; empty for all.
         least, most: size of the hidden ones, as a share of the effort.
-        seed: each of motion, noise, reality and hidden effects has its own stream of it.
+        seed: of separate random streams for motion, noise, reality and hidden effects.
         duration, rate: [s], [Hz].
         noise: effort noise as a share of the range of each joint's effort, the position's in proportion.
         coloured: effort noise with a correlation time instead of white.
         resolution: step of the encoders [rad], 0 for none.
-        velocity: a sensor of its own, the difference of the reported positions, or none.
-        wrong: the real links are off by about this share.
+        velocity: from a separate sensor, the difference of the reported positions, or none.
+        wrong: relative error of the description's links, about.
         worn: Coulomb and viscous friction and rotor inertia on every joint.
-        poor: one joint moves slowly and a little instead of all joints over their range.
-        installed: effects that are already made, as those of an effects.yaml.
-        known: whether the controller knows of these, as that of a robot that a model was identified of copes with them.
+        poor: only one joint moves, slowly over a small range, instead of all joints over theirs.
+        installed: effects as objects, such as those of an effects.yaml.
+        known: whether the controller compensates these, as that of a robot with an identified model does.
         plan: the motion, with its own duration and rate; None draws one.
         name: of the robot, for the truth.
     """

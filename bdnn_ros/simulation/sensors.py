@@ -1,4 +1,4 @@
-"""Sensors: what of the simulated motion is reported, with noise and rounding."""
+"""Sensors: the simulated motion as it is reported, with noise and rounding."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Noise:
         position: standard deviation [rad].
         resolution: step of the encoder [rad], 0 for none.
         velocity: standard deviation where a sensor measures it [rad/s].
-        velocity_source: a sensor of its own, the backward difference of the position, or none.
+        velocity_source: a separate sensor, the backward difference of the position, or none.
         effort: standard deviation as a share of the range of each joint's effort.
         effort_resolution: step of the measured effort as a share of that range, 0 for none.
         correlation: correlation time of the effort noise [s]; 0 is white.
@@ -38,10 +38,10 @@ class Noise:
 
     @classmethod
     def of(cls, level: float, coloured: bool = False) -> Noise:
-        """Noise whose effort part is `level` of the range, everything else in proportion; 0 is none at all.
+        """Noise of the effort at `level` of its range, and all other noise in proportion; 0 for none.
 
         Raises:
-            UsageError: the level is negative or 0.5 and more.
+            UsageError: the level is negative or at least 0.5.
         """
         if not 0.0 <= level < 0.5:
             raise UsageError(
@@ -98,7 +98,7 @@ def measured_effort(effort: np.ndarray, period: float, noise: Noise, rng: np.ran
     if noise.correlation > 0.0:
         keep = float(np.exp(-period / noise.correlation))
         fresh = float(np.sqrt(1.0 - keep**2))
-        white[0] /= fresh  # as loud at the first sample as ever after
+        white[0] /= fresh  # so the first sample has the stationary variance
         white = lfilter([fresh], [1.0, -keep], white, axis=0)
     reported = effort + noise.effort * span * white
     return np.stack(

@@ -22,9 +22,9 @@ from bdnn_ros.simulation.sensors import Noise
 SLOWEST, FASTEST = 50.0, 2000.0
 """Rates that can be simulated [Hz]."""
 EPOCH = 1_600_000_000 * 10**9
-"""Clock of every simulated recording at its start [ns]: the same seed gives the same bytes."""
+"""Clock time at the start of every simulated recording [ns]: the same seed gives the same bytes."""
 SPARSE = 50
-"""Of so many samples one is looked at for what the joints move."""
+"""The joints' inertia is checked at every so many-th sample."""
 LOST = 1.5
 """A joint this far off its plan is out of control [rad]."""
 
@@ -37,11 +37,11 @@ class Simulated:
 
     Attributes:
         recording: what the sensors reported; effort is the command, held for one sample from its stamp.
-        plan: what the controller was to follow.
+        plan: the motion that the controller followed.
         position, velocity: true motion of the links, (N, n) [rad], [rad/s].
         motor_position: true positions of the motors, which the encoders see, (N, n) [rad].
         effort: commanded effort without noise, (N, n) [N·m].
-        effects: what was installed.
+        effects: the installed ones.
         real: the robot's bodies, rotors and friction with all effects.
     """
 
@@ -77,9 +77,9 @@ def simulate(
             noise.
         duration, rate: of the recording [s], [Hz], unless a plan is given.
         noise: of the sensors; None takes the default.
-        reality: the bodies, rotors and friction that really move, where they are not the description's.
+        reality: the real bodies, rotors and friction, if they differ from the description's.
         plan: the motion, evenly sampled; None draws a Fourier series.
-        known: those of the effects that the controller knows of as it does of the description; of pushes it never does.
+        known: those of the effects that the controller compensates, except pushes, which it never knows.
         progress: told (samples done, samples in all).
 
     Raises:

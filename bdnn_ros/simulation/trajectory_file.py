@@ -15,21 +15,21 @@ from bdnn_ros.simulation.simulate import check
 
 QUANTITIES = ("position", "velocity", "acceleration")
 HOLD = 0.5
-"""The first pose is held so long before the motion starts [s]."""
+"""Time for which the first pose is held before the motion starts [s]."""
 
 
 def read_trajectory(path: Path, robot: Robot, rate: float) -> Trajectory:
-    """The trajectory of a CSV file, sampled anew.
+    """The trajectory of a CSV file, resampled.
 
-    Columns are `time`, then NAME.position, NAME.velocity and NAME.acceleration of every joint. Between points
-    it is the polynomial that meets all three at both, so it is as smooth as the points are. Empty lines do not count.
+    Columns are `time`, then NAME.position, NAME.velocity and NAME.acceleration of every joint. Between points it is the
+    polynomial that matches all three at both ends, so it is as smooth as the points are. Empty lines are ignored.
 
     Args:
         rate: of the new samples [Hz].
 
     Raises:
-        UsageError: the file cannot be read, is no such table, lacks a joint, or its stamps do not increase, or it cannot be
-            simulated for so long or at this rate.
+        UsageError: the file cannot be read or is not such a table, lacks a joint, its stamps do not increase, or it is too
+            long or too short to be simulated, or the rate is out of range.
     """
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:  # spreadsheets begin with a byte order mark
