@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -13,9 +13,15 @@ from bdnn_ros.errors import RecordingError, UsageError
 from bdnn_ros.robot import Robot
 from bdnn_ros.rollout import integrated
 from bdnn_ros.signals import Signals
+from bdnn_ros.signals.lasting import lasting
+from bdnn_ros.signals.signals import STANDING_SECONDS
 
 STILL = 1e-9
 """A measured effort that varies less [N·m] has no scale to compare an error with."""
+RESTS = 0.1
+"""Joints that rest for this share of the samples do so for long."""
+STILL_SHARE = 0.02
+"""A joint moves where so little of what the low-pass saw is rest."""
 
 
 class Predictor(Protocol):
@@ -48,6 +54,8 @@ class Scores:
         nrmse: the same over the standard deviation of the measured effort, (n,); NaN where that is constant.
         nmse: the square of that, (n,).
         nrmse_mean: mean over the joints where it is known.
+        in_motion: the same of the samples at which each joint moves, or None where nothing is known of that.
+        at_rest: share of each joint's samples that are not among these, (n,), or None as well.
     """
 
     joints: tuple[str, ...]
@@ -55,12 +63,24 @@ class Scores:
     nrmse: np.ndarray
     nmse: np.ndarray
     nrmse_mean: float
+    in_motion: Scores | None = None
+    at_rest: np.ndarray | None = None
 
     def of(self, joints: Sequence[str]) -> Scores:
         """The scores of some of the joints, in this order."""
         rows = [self.joints.index(joint) for joint in joints]
         nrmse = self.nrmse[rows]
-        return Scores(tuple(joints), self.rmse[rows], nrmse, self.nmse[rows], _mean(nrmse))
+        moved = None if self.in_motion is None else self.in_motion.of(joints)
+        rests = None if self.at_rest is None else self.at_rest[rows]
+        return Scores(tuple(joints), self.rmse[rows], nrmse, self.nmse[rows], _mean(nrmse), moved, rests)
+
+    @property
+    def resting(self) -> float:
+        """Share of the samples at rest, mean of the joints that move as well; 0 where nothing is known of that."""
+        if self.in_motion is None or self.at_rest is None:
+            return 0.0
+        moves = np.isfinite(self.in_motion.nrmse)
+        return float(np.mean(self.at_rest[moves])) if moves.any() else 0.0
 
     @property
     def in_mean(self) -> int:
@@ -73,14 +93,17 @@ class Scores:
         return _mean(self.nmse)
 
     def as_json(self) -> dict[str, Any]:
-        """For `metrics.json` and `evaluate --json`; NaN becomes null."""
-        return {
+        """For `metrics.json` and `evaluate --json`; NaN becomes null. `in_motion` is there where joints rest for long."""
+        content: dict[str, Any] = {
             "joints": list(self.joints),
             "rmse": numbers(self.rmse),
             "nrmse": numbers(self.nrmse),
             "nmse": numbers(self.nmse),
             "nrmse_mean": numbers([self.nrmse_mean])[0],
         }
+        if self.in_motion is not None and self.at_rest is not None and self.resting > RESTS:
+            content["in_motion"] = {"share": numbers(1.0 - self.at_rest), **self.in_motion.as_json()}
+        return content
 
 
 @dataclass(frozen=True)
@@ -144,7 +167,7 @@ def score_model(model: Predictor, parts: Sequence[Signals]) -> Scores:
     Raises:
         RecordingError: a part has no effort, or no sample is left.
     """
-    measured, predicted, seen = [], [], []
+    measured, predicted, seen, moves = [], [], [], []
     for signals in parts:
         if signals.effort is None:
             raise RecordingError(
@@ -156,7 +179,23 @@ def score_model(model: Predictor, parts: Sequence[Signals]) -> Scores:
         if isinstance(model, Ahead):
             known = known & signals.interior_after(model.leads)
         seen.append(known[signals.interior])
-    return score(np.concatenate(measured), np.concatenate(predicted), parts[0].joints, np.concatenate(seen))
+        moves.append(in_motion(signals)[signals.interior])
+    compared = np.concatenate(measured), np.concatenate(predicted), parts[0].joints
+    known, moved = np.concatenate(seen), np.concatenate(seen) & np.concatenate(moves)
+    rests = 1.0 - moved.sum(axis=0) / np.maximum(known.sum(axis=0), 1)
+    return replace(score(*compared, known), in_motion=score(*compared, moved), at_rest=rests)
+
+
+def in_motion(signals: Signals) -> np.ndarray:
+    """Where a joint moves, and moved while the low-pass saw it, (N, n) bool; one that turns round does.
+
+    Elsewhere dry friction has any value up to its full one, which no motion tells.
+    """
+    least = max(int(np.ceil(STANDING_SECONDS * signals.rate)), 1)
+    still = lasting(signals.at_rest | signals.hardly_moves, least)
+    if not still.any():
+        return ~still
+    return np.asarray(signals.smooth(signals.soften(still.astype(float))) < STILL_SHARE)
 
 
 class _Described:

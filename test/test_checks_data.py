@@ -173,6 +173,17 @@ def test_a_base_that_leans_is_told(robot):
     assert told and [float(angle) for angle in told.groups()] == pytest.approx([2.0, -3.0], abs=0.05)
 
 
+@pytest.mark.parametrize(
+    ("angles", "said"),
+    [((0.0, 40.0), "roll 0°, pitch 40°: so large a tilt is only estimated"), ((0.0, 80.0), "on its side")],
+)
+def test_a_base_that_stands_otherwise_is_told_once_and_not_too_exactly(robot, angles, said):
+    (found,) = (
+        one for one in remarks(robot, good(robot.tilted(*np.radians(angles)))) if "base" in one.problem
+    )
+    assert said in found.problem and "±" not in found.problem and "description" in str(found)
+
+
 def test_a_zero_that_is_off_is_told(robot):
     off = replace(robot, zeros=np.eye(robot.width)[1] * 0.06)
     (found,) = (one for one in remarks(robot, good(off)) if "position" in one.problem)

@@ -35,6 +35,7 @@ MODULES = sorted(
         "main",
         "describing",
         "fitness",
+        "info_text",
         "learning",
         "loading",
         "options",

@@ -146,3 +146,60 @@ def test_the_model_knows_which_joints_slide(tmp_path: Path, capsys) -> None:
     assert main(["evaluate", str(saved), bag]) == 0
     printed = capsys.readouterr().out
     assert "[N, m]" in printed
+
+
+def picking(seconds: float) -> Recording:
+    """A worn arm from pose to pose, each move of 1 s followed by so much rest, in which it sticks with any friction."""
+    rate, generator = 200.0, np.random.default_rng(5)
+    poses = generator.uniform(-1.2, 1.2, (12, 2))
+    s = np.arange(0.0, 1.0 + seconds, 1.0 / rate).clip(max=1.0)[:, None]
+    part = 10 * s**3 - 15 * s**4 + 6 * s**5, 30 * s**2 * (1 - s) ** 2, 60 * s * (1 - s) * (1 - 2 * s)
+    q, v, a = (
+        np.concatenate(
+            [
+                way * shape + from_ * (k == 0)
+                for from_, way in zip(poses[:-1], np.diff(poses, axis=0), strict=True)
+            ]
+        )
+        for k, shape in enumerate(part)
+    )
+    rests = (v == 0.0).all(axis=1)
+    stuck = np.repeat(generator.uniform(-1.0, 1.0, (len(poses) - 1, 2)), len(s), axis=0)
+    effort = WORN.inverse_dynamics(q, v, a) + np.where(rests[:, None], WORN.coulomb * stuck, 0.0)
+    effort, seen = (
+        clean + std * generator.normal(size=q.shape) for clean, std in ((effort, 0.02), (q, 1e-5))
+    )
+    return Recording(np.arange(len(q)) / rate, ARM2.joints, seen, None, effort, urdf=WORN.urdf)
+
+
+WORN = ARM2.with_joint_parameters(np.full(2, 0.1), np.full(2, 1.0), np.full(2, 6.0))
+
+
+@pytest.mark.parametrize(("seconds", "said"), [(1.0, True), (0.0, False)])
+def test_rows_at_rest_that_make_the_error_are_told(tmp_path, capsys, seconds: float, said: bool) -> None:
+    bag = str(bags.write(picking(seconds), tmp_path / "bag"))
+    words = ["evaluate", str(save_model(tmp_path / "model", ExtendedModel(WORN, (), np.zeros(2)))), bag]
+    assert main([*words, "--json"]) == 0
+    report = json.loads(capsys.readouterr().out)
+    assert ("in_motion" in report["held_out"]) == ("in_motion" in report["simulation"]) == said
+    assert main(words) == 0
+    last = capsys.readouterr().out.splitlines()[-1]
+    if not said:
+        assert "at rest" not in last
+        return
+    moved = report["held_out"]["in_motion"]
+    assert report["held_out"]["nrmse_mean"] > 0.1 > 0.02 > moved["nrmse_mean"]
+    assert moved["share"] == pytest.approx([0.5, 0.5], abs=0.15) and len(moved["rmse"]) == 2
+    share = 100.0 * (1.0 - np.mean(moved["share"]))
+    assert last == (
+        f"{share:.0f} % of the scored rows are at rest, where dry friction may have any value; "
+        f"NRMSE in motion: mean {moved['nrmse_mean']:.3f}."
+    )
+
+
+def test_identify_tells_of_rows_at_rest_as_well(tmp_path, capsys) -> None:
+    out, bag = tmp_path / "out", str(bags.write(picking(1.0), tmp_path / "bag"))
+    assert main(["identify", bag, "--out", str(out)]) == 0
+    assert "of the scored rows are at rest" in capsys.readouterr().out
+    held_out = json.loads((out / "metrics.json").read_text())["held_out"]
+    assert held_out["in_motion"]["nrmse_mean"] < 0.05 < held_out["nrmse_mean"]

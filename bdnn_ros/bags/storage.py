@@ -28,6 +28,9 @@ from bdnn_ros.bags.mixed import of_ros
 from bdnn_ros.errors import BagError, BdnnError, UsageError, listed
 
 SUFFIXES = (".mcap", ".db3")
+TABLES = (".csv", ".tsv", ".txt", ".dat", ".npy", ".npz", ".mat")
+"""Of files in which people keep what they logged otherwise."""
+RECIPE = 'docs/on_your_robot.md, "Without a bag: from a CSV",'
 JOINT_STATE = "sensor_msgs/msg/JointState"
 STRING = "std_msgs/msg/String"
 MULTI_ARRAY = "std_msgs/msg/Float64MultiArray"
@@ -190,9 +193,10 @@ def _parts(path: Path) -> tuple[list[Path], bool]:
         raise UsageError(f"There is no bag {path}.", "Check the path.")
     if path.is_file():
         if not _is_part(path):
-            raise UsageError(
-                f"{path} is not a bag.", "Pass an .mcap file, a .db3 file or a rosbag2 directory."
-            )
+            remedy = "Pass an .mcap file, a .db3 file or a rosbag2 directory."
+            if path.suffix.lower() in TABLES:
+                remedy = f"Make one of it, as {RECIPE} shows."
+            raise UsageError(f"{path} is not a bag.", remedy)
         return [path], True
     information = _information(path)
     paths = information.get("relative_file_paths")

@@ -66,10 +66,11 @@ def check(
     """
     signals = [prepare(recording, cutoff) for recording in recordings]
     value = condition(robot, signals)
+    oddities, broken = _oddities(recordings, robot, signals, disturbed)
     found = [
         *doubts(robot),
-        *tilted(model),
-        *zeros_off(model),
+        # tilt and zeros are found by efforts that are taken to go with the description
+        *([] if broken else (*tilted(model), *zeros_off(model))),
         *further_off(robot, model, spread),
         *unexcited(robot, model, spread),
         *conditioned(value),
@@ -78,7 +79,7 @@ def check(
         found += delayed(model, recordings)
     if not disturbed:
         found += chain.from_iterable(map(pushed, recordings, signals, [robot] * len(signals)))
-    return found + _oddities(recordings, robot, signals, disturbed)
+    return found + oddities
 
 
 def check_data(
@@ -92,7 +93,7 @@ def check_data(
         told: joints of whose reported velocity a finding tells already.
     """
     signals = [prepare(recording, cutoff) for recording in recordings]
-    oddities = _oddities(recordings, robot, signals, told=told)
+    oddities, _ = _oddities(recordings, robot, signals, told=told)
     return [*doubts(robot), *conditioned(condition(robot, signals)), *oddities]
 
 
@@ -102,10 +103,13 @@ def _oddities(
     signals: Sequence[Signals],
     disturbed: bool = False,
     told: Collection[str] = (),
-) -> list[Remark]:
+) -> tuple[list[Remark], bool]:
+    """What is odd about each recording, and whether one does not go with the description."""
     found: list[Remark] = []
+    mismatched = False
     for recording, one in zip(recordings, signals, strict=True):
         broken = list(breaches(replace(one, effort=None) if disturbed else one, robot))
+        mismatched |= bool(broken)
         breaching = ", ".join(breach.about for breach in broken).split(", ")
         found += [
             *broken,
@@ -117,7 +121,7 @@ def _oddities(
             *saturated(recording, robot),
             *odd_velocity(recording, one, told),
         ]
-    return found
+    return found, mismatched
 
 
 def unexcited(robot: Robot, model: PhysicalModel, spread: Spread | None = None) -> Iterator[Remark]:

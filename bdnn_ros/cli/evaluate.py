@@ -7,7 +7,7 @@ import json
 from dataclasses import replace
 
 from bdnn_ros.cli import fitness, loading, options
-from bdnn_ros.cli.tables import cell, headed, labels, mean_of
+from bdnn_ros.cli.tables import cell, headed, labels, mean_of, resting
 from bdnn_ros.errors import listed
 from bdnn_ros.models import load_model
 from bdnn_ros.robot import Robot
@@ -115,3 +115,5 @@ def _print(
     row += f"   {cell(held_out.nmse_mean, 8, '.3g')}   {'':{len(ahead)}}"
     print(row + ("" if simulation is None else f"   {cell(simulation.nrmse_mean, 12, '.3f')}"))
     print(f"Measured and predicted effort low-passed alike at {cutoff:.3g} Hz.")
+    for sentence in resting(held_out):
+        print(sentence)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from bdnn_ros.bdnn.modelfile import model_place
 from bdnn_ros.cli import fitness, learning, loading, options, outputs
-from bdnn_ros.cli.tables import cell, headed, labels, mean_of
+from bdnn_ros.cli.tables import cell, headed, labels, mean_of, resting
 from bdnn_ros.errors import BdnnError
 from bdnn_ros.models import Model, load_model, save_model
 from bdnn_ros.physical.parameters import Spread
@@ -185,4 +185,6 @@ def _print(metrics: dict[str, Scores], cutoff: float, path: Path, robot: Robot |
     row = f"{mean:{width}}   {'':10}   {cell(held_out.nrmse_mean, 5, '.3f')}"
     print(row + (f"   {cell(simulation.nrmse_mean, 12, '.3f')}" if simulation else ""))
     print(f"Measured and predicted effort low-passed alike at {cutoff:.3g} Hz.")
+    for sentence in resting(held_out):
+        print(sentence)
     print(f"model: {path}\npicture: {path.with_name('effort.png')}")

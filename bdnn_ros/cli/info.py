@@ -15,20 +15,21 @@ from bdnn_ros.checks.conventions import breaches
 from bdnn_ros.checks.description import doubts
 from bdnn_ros.checks.efforts import unread
 from bdnn_ros.checks.handling import handled
+from bdnn_ros.checks.positions import in_other_units
 from bdnn_ros.checks.pushed import pushed
+from bdnn_ros.checks.velocities import odd_velocity
 from bdnn_ros.cli import fitness, loading, options
 from bdnn_ros.cli.describing import unheld, unusable
 from bdnn_ros.cli.identify import HOLDOUT
-from bdnn_ros.cli.options import counted
-from bdnn_ros.cli.tables import headed, labels, some_slide
+from bdnn_ros.cli.info_text import printed
 from bdnn_ros.diagnosis.recorded import lateness, softness
 from bdnn_ros.diagnosis.recorded.excerpts import ENOUGH
-from bdnn_ros.errors import BdnnError
+from bdnn_ros.errors import BdnnError, ConventionError
 from bdnn_ros.recording import Recording, moving
 from bdnn_ros.robot import Robot
 from bdnn_ros.robot.urdf import Limits
 from bdnn_ros.scores import numbers
-from bdnn_ros.signals import Signals, mended, prepare
+from bdnn_ros.signals import DEFAULT_CUTOFF, Signals, mended, prepare, usual_cutoff
 from bdnn_ros.signals.unmeasured import AT_LIMIT, at_limit
 from bdnn_ros.written import spelled
 
@@ -36,6 +37,8 @@ CLIPPED = 0.01
 """A share of samples at a limit that is worth a word."""
 UNEVEN = 0.2
 """A jitter above this share of the sample period is worth a word."""
+NEARLY = 0.95
+"""A cut-off above this share of the usual one is as good: of 60 Hz by a clock that scatters."""
 FEW_REVERSALS = 2
 """And a joint that turns less often: friction shows where a joint moves both ways."""
 
@@ -95,12 +98,18 @@ def run(args: argparse.Namespace) -> int:
         report["excitation"] = [joint.as_json() for joint in joints]
         fitness.require_length([recording])
         told = replace(signals, effort=None) if loading.disturbed(args, [recording], robot) else signals
+        broken = [] if robot is None else list(breaches(told, robot))
+        report["breaches"] = [str(breach) for breach in broken]
         report["concerns"] = [
             *notes,
             *concerns(recording, joints),
-            *_of_the_description(recording, told, robot),
+            *map(str, odd_velocity(recording, signals)),
+            *_of_the_description(recording, robot),
+            *report["breaches"],
             *_of_the_efforts(recording, told, robot),
         ]
+        if robot is not None:
+            _require_units(told, robot)
         fitness.require_motion(recording)
         loading.require_efforts(args, [recording])
         _, last = fitness.split(recording, signals, HOLDOUT)
@@ -109,18 +118,28 @@ def run(args: argparse.Namespace) -> int:
     except BdnnError as error:
         problem = error
     report |= {"usable": problem is None, "problem": str(problem) if problem else None}
-    print(json.dumps(report, indent=1, allow_nan=False) if args.json else _text(report, robot))
+    print(json.dumps(report, indent=1, allow_nan=False) if args.json else printed(report, robot))
     if problem is not None:
         raise problem
     return 0
 
 
-def _of_the_description(recording: Recording, signals: Signals, robot: Robot | None) -> list[str]:
+def _of_the_description(recording: Recording, robot: Robot | None) -> list[str]:
     """Doubts about the robot description, or why the one in the bag cannot be used."""
     if robot is None:
         problem = unusable([recording])
         return [problem] if problem else []
-    return [str(remark) for remark in (*doubts(robot), *breaches(signals, robot))]
+    return [str(remark) for remark in doubts(robot)]
+
+
+def _require_units(signals: Signals, robot: Robot) -> None:
+    """Refuse positions that seem not to be in radians and metres: no pose of the robot is known.
+
+    Raises:
+        ConventionError: they seem to be in degrees or millimetres.
+    """
+    for remark in in_other_units(signals, robot):
+        raise ConventionError(remark.problem, remark.remedy)
 
 
 def _of_the_efforts(recording: Recording, signals: Signals, robot: Robot | None) -> list[str]:
@@ -192,6 +211,12 @@ def concerns(recording: Recording, joints: Sequence[Excitation]) -> list[str]:
             f"{recording.recorded:.1f} s of motion are little, and mostly too short for `bdnn diagnose`, which asks for "
             f"{ENOUGH:g} s; 30 s and more tell causes apart."
         )
+    cutoff = usual_cutoff(recording.rate)
+    if cutoff < NEARLY * DEFAULT_CUTOFF:
+        found.append(
+            f"At {recording.rate:.3g} Hz the low-pass is lowered from {DEFAULT_CUTOFF:g} to {cutoff:.2g} Hz, and what is faster "
+            "is lost, as of friction at reversals and of gears. Record at 100 Hz or more."
+        )
     steps = np.concatenate([np.diff(recording.time[rows]) for rows in recording.segments()])
     if np.std(steps) > UNEVEN / recording.rate:
         found.append("Stamps are uneven: stamp the joint states where they are measured.")
@@ -220,52 +245,3 @@ def _saturated(recording: Recording, limits: Limits | None) -> np.ndarray:
 def _reversals(velocity: np.ndarray) -> int:
     """Changes of direction of a joint, from its velocity while it moves."""
     return int(np.count_nonzero(np.diff(np.sign(velocity)) != 0))
-
-
-def _text(report: dict[str, Any], robot: Robot | None) -> str:
-    lines = [
-        report["bag"],
-        *(f"  {t['name']}  {t['type']}  {counted(t['count'], 'message')}" for t in report["topics"]),
-    ]
-    if "samples" in report:
-        gaps = report["gaps"]
-        lines += [
-            f"{counted(report['samples'], 'sample')} of {counted(len(report['joints']), 'joint')} "
-            f"in {report['recorded']:.2f} s"
-            f"{' without gaps' if gaps['count'] else ''}: "
-            f"{report['rate']:.4g} Hz, jitter {1e3 * report['jitter']:.3g} ms "
-            f"(longest step {1e3 * report['longest_step']:.3g} ms)",
-            f"{counted(gaps['count'], 'gap')}, longest {gaps['longest']:.3g} s, {gaps['total']:.3g} s in all",
-            f"not in the bag: {', '.join(report['missing']) or 'nothing'}",
-        ]
-    if "excitation" in report:
-        lines += ["", *_table(report["excitation"], robot)]
-        lines += [f"- {text}" for text in report.get("concerns", ())]
-    if report["usable"]:
-        lines.append(
-            "Fit for identification."
-            if robot is not None
-            else "Fit for identification, with a robot description from --urdf FILE or --robot NAME."
-        )
-    return "\n".join(lines)
-
-
-def _table(rows: list[dict[str, Any]], robot: Robot | None) -> list[str]:
-    names = labels(robot, [row["joint"] for row in rows], "rad", "N*m")
-    width, position = max(map(len, names)), headed(robot, "position", "rad")
-    speed, faster, force = ("per s", "per s²", "") if some_slide(robot) else ("rad/s", "rad/s²", "[N·m]")
-    lines = [
-        f"{'':{width}}    {position:14}   velocity  acceleration  effort's std             at rest  clipped",
-        f"{'':{width}}    from       to  {f'[{speed}]':>9}  {f'[{faster}]':>12}  {force:>12}  reversals     [%]      [%]",
-    ]
-    for name, row in zip(names, rows, strict=True):
-        joint, still = f"{name:{width}}", "" if row["moves"] else "  does not move"
-        effort = "-" if row["effort"] is None else f"{row['effort']:.3g}"
-        clipped = "-" if row["saturated"] is None else f"{100 * row['saturated']:.3g}"
-        turns, rest = row["reversals"], 100 * row["standstill"]
-        lines.append(
-            f"{joint} {row['lower']:7.3f}  {row['upper']:7.3f}  {row['velocity']:9.3g}  "
-            f"{row['acceleration']:12.3g}  {effort:>12}  {turns:9}  {rest:6.3g}  "
-            f"{clipped:>7}{still}"
-        )
-    return lines

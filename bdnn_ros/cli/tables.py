@@ -10,7 +10,10 @@ from collections.abc import Sequence
 from bdnn_ros.cli.options import counted
 from bdnn_ros.robot import Robot
 from bdnn_ros.robot.units import along, printed
-from bdnn_ros.scores import Scores
+from bdnn_ros.scores import RESTS, Scores
+
+MAKES = 1.5
+"""Rows at rest make the error where it is so many times that of the rows in motion."""
 
 
 def csv_header(names: Sequence[str]) -> str:
@@ -51,3 +54,14 @@ def mean_of(scores: Scores) -> str:
     if scores.in_mean == count:
         return "mean"
     return f"mean of {scores.in_mean} of {counted(count, 'joint')}"
+
+
+def resting(scores: Scores) -> list[str]:
+    """A sentence on rows at rest that make a good part of the error; empty list if none do."""
+    moved = scores.in_motion
+    if moved is None or not scores.resting > RESTS or not scores.nrmse_mean > MAKES * moved.nrmse_mean:
+        return []
+    return [
+        f"{100.0 * scores.resting:.0f} % of the scored rows are at rest, where dry friction may have any value; "
+        f"NRMSE in motion: mean {moved.nrmse_mean:.3f}."
+    ]
