@@ -141,7 +141,7 @@ def test_odd_data_is_remarked_on_in_words_and_in_the_file(tmp_path, capsys):
     path = bags.write(replace(odd, velocity=np.degrees(odd.velocity)), tmp_path / "degrees")
     assert main(["identify", str(path), "--out", str(tmp_path / "out")]) == 0
     _, parameters = contents(tmp_path / "out")
-    assert [remark["about"] for remark in parameters["remarks"]] == list(odd.joints)
+    assert [remark["about"] for remark in parameters["remarks"]] == [", ".join(odd.joints)]
     said = capsys.readouterr().err
     for remark in parameters["remarks"]:
         assert remark["problem"] in said
