@@ -50,7 +50,7 @@ def test_most_of_what_is_mended_is_told_with_its_joint():
     equations = against(True)
     noise = noise_of(equations, 0.05 * equations.target, 1e-4 * equations.effort_scale)
     pool, test = Pool(equations, noise, [], 0.1), equations.block % 5 == 2
-    attempt = Attempt(test, [], pool, pool.left())
+    attempt = Attempt(test, [], pool, pool.residual_of_all())
     remainder, since = Remainder(np.ones(2), {}, np.zeros((1, 2))), Compared.of(model(), model().robot)
     case = Case((), model().robot, equations, attempt, (), remainder, since)
     (said,) = mostly_at(case, 0.5)

@@ -138,7 +138,7 @@ def test_a_finding_says_that_it_changes(changing):
     equations = replace(pool.equations, effort_scale=np.maximum(pool.equations.effort_scale, 1.0))
     nothing = np.zeros_like(equations.target)
     attempt = Attempt(
-        equations.block % 5 == 2, [Judgement(0.9, 0.0, (), changing=changing)], pool, pool.left()
+        equations.block % 5 == 2, [Judgement(0.9, 0.0, (), changing=changing)], pool, pool.residual_of_all()
     )
     remainder = Remainder(np.full(6, 10.0), {}, nothing)
     diagnosis = told(Case([], ARM, equations, attempt, estimates(pool, pool.whole), remainder))

@@ -125,11 +125,13 @@ def examine(
         raise _too_short(recordings, cutoff, signals.cutoff)
     attempt, pool, found = plainly(looks.candidates, equations, attempt)
     attempt, pool, found = harmless(equations, completed(equations, attempt), pool, found)
-    equations.count(pool.sure)
-    remainder = describe(equations, pool.left(), stepping(recordings, robot, signals.cutoff), known.dry)
+    equations.use_rows(pool.sure)
+    remainder = describe(
+        equations, pool.residual_of_all(), stepping(recordings, robot, signals.cutoff), known.dry
+    )
     recordings = remarked(recordings, signals, robot, [*known.held, *pool.terms])
     case = Case(recordings, robot, equations, attempt, found, remainder, known.since)
-    diagnosis, networks = with_rest(told(case, cutoff), case, pool.left())
+    diagnosis, networks = with_rest(told(case, cutoff), case, pool.residual_of_all())
     return Examination(
         diagnosis,
         tuple(recordings),

@@ -15,7 +15,7 @@ from bdnn_ros.diagnosis.regression.evidence import Pool
 from bdnn_ros.diagnosis.regression.fit import Fit
 from bdnn_ros.diagnosis.regression.gains import MINIMUM_SHARE, acting
 from bdnn_ros.diagnosis.regression.noise import rms
-from bdnn_ros.diagnosis.regression.odds import contains, doubt, near
+from bdnn_ros.diagnosis.regression.odds import contains, link_error_cost, rival_joint
 from bdnn_ros.diagnosis.regression.term import Shape, Term, new_shapes, of_shapes
 from bdnn_ros.diagnosis.search.candidates import Candidates
 from bdnn_ros.diagnosis.search.search import Search, Selection
@@ -264,9 +264,9 @@ def _weighed(
     own, fit_both = search.score(pool, both), pool.fit(both)
     scores: dict[int, float] = {}
     for base in _bases(pool, term, rest):
-        fit = pool.fit(base)
-        start = search.score(pool, base)
-        rivals = [c for c in search.open_to(pool, base, near(term), term) if pool.terms[c].spot != term.spot]
+        fit, start = pool.fit(base), search.score(pool, base)
+        possible = search.open_to(pool, base, rival_joint(term), term)
+        rivals = [c for c in possible if pool.terms[c].spot != term.spot]
         instead = pool.gains(fit, rivals) - search.costs(pool, base, rivals)
         beside = pool.gains(fit_both, rivals) - search.costs(pool, both, rivals)
         for c, gain, more in zip(rivals, instead, beside, strict=True):
@@ -285,7 +285,7 @@ def _weighed(
             scores[c] = own + float(cost - other) - behind
     for c in [c for c in scores if _turn_alike(search.candidates, term, pool.terms[c])]:
         scores[c] = max(scores[c], own)
-    cost = doubt(pool)
+    cost = link_error_cost(pool)
     return own - cost, search.score(pool, rest) - cost, {c: score - cost for c, score in scores.items()}
 
 

@@ -46,7 +46,7 @@ def _exact(candidates: Candidates, equations: Equations, fitted: Pool) -> Pool:
     Shapes of friction at joints that dwell are refined again in the remaining rows.
     """
     dwelling = equations.usable & equations.dwelling
-    equations.count(equations.exact)
+    equations.use_rows(equations.exact)
     pool = _in_rows_that_count(equations, fitted)
     moved = [
         c for c, term in enumerate(pool.terms) if term.effect.in_drive and dwelling[:, term.target].any()
@@ -84,9 +84,9 @@ def _plain(
         return refined(candidates, equations, plain, range(len(kept)), moved)
 
     counted = equations.usable
-    equations.count(counted & ~attempt.test[:, None])
+    equations.use_rows(counted & ~attempt.test[:, None])
     fitted = refitted(attempt.fitted.terms)
-    equations.count(counted)
+    equations.use_rows(counted)
     judgements = [
         attempt.judgements[k].told_as(instead[k]) if k in instead else attempt.judgements[k] for k in kept
     ]

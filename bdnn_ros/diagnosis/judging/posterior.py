@@ -163,7 +163,7 @@ def estimates(pool: Pool, fit: Fit) -> list[Estimate]:
     gram = tall.T @ tall
     covariance = np.linalg.inv(gram + np.diag(precision))
     robust = _clustered(pool, fit, white, covariance)
-    precision[: pool.base] = pool.believing(DOUBTED * pool.link_error).precision[: pool.base]
+    precision[: pool.base] = pool.with_link_error(DOUBTED * pool.link_error).precision[: pool.base]
     doubting = np.linalg.inv(gram + np.diag(precision))
     _, moved = parted(pool, fit)
     result, start = [], pool.base
@@ -285,4 +285,4 @@ def _tangent(pool: Pool, term: Term, coefficients: np.ndarray, name: str) -> np.
         return term.effect.columns(motion, term.target, moved, term.link) @ coefficients
 
     change = (effort(1.0) - effort(-1.0)) / (2.0 * step)
-    return pool.equations.reduced(change, borne=not term.effect.at_sensor)
+    return pool.equations.as_rows(change, borne=not term.effect.at_sensor)

@@ -10,7 +10,7 @@ from scipy.ndimage import binary_opening, maximum_filter1d
 from bdnn_ros.diagnosis.regression.equations import Equations
 from bdnn_ros.diagnosis.regression.learned import Learned
 from bdnn_ros.diagnosis.regression.load_friction import LoadFriction, carried
-from bdnn_ros.diagnosis.regression.noise import moved
+from bdnn_ros.diagnosis.regression.noise import moving_time
 from bdnn_ros.diagnosis.regression.unsure import Unsure
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.errors import RecordingError
@@ -88,7 +88,7 @@ def build(
         rows,
         target=signals.smooth(signals.effort - simulated)[rows],
         usable=usable,
-        doubt=turns(signals)[rows],
+        sticking_doubt=turns(signals)[rows],
         dwelling=sticks(signals, DWELLING_WIDTHS)[rows],
         block=_blocks(usable, signals.time[rows]),
         runs=runs,
@@ -98,7 +98,7 @@ def build(
         effort_size=size,
         jointwise=jointwise,
         learned=learned,
-        passing=passing,
+        load_friction_factor=passing,
         unsure=unsure,
     )
 
@@ -176,7 +176,7 @@ def _blocks(usable: np.ndarray, time: np.ndarray) -> np.ndarray:
     """Held-out block of each row, (R,) int, from the usable rows (R, n) bool and their times [s]."""
     steps = np.diff(time, prepend=time[0])
     since = np.cumsum(np.minimum(steps, BLOCK_SECONDS))  # a long pause must not make the blocks long
-    moving = moved(usable, time)
+    moving = moving_time(usable, time)
     seldom = float(moving[moving > 0.0].min()) / LEAST_MOTION
     length = float(np.clip(seldom * BLOCK_SECONDS, SHORTEST_BLOCK, BLOCK_SECONDS))
     most = MOST_BLOCKS * min(BLOCK_SECONDS / length, 2.0)

@@ -52,11 +52,11 @@ class Learned:
 
     def _rows(self, equations: Equations) -> np.ndarray:
         """Effort per unit of each weight at its joint, rows (R, W) [N·m]."""
-        motion, passing = equations.motion, equations.passing
+        motion, passing = equations.motion, equations.load_friction_factor
         added = self.left_open.columns(motion.robot, motion.signals, self.load)
         if passing is not None:
             added = added * passing[:, self.left_open.joints]
-        return equations.reduced(added, borne=False)
+        return equations.as_rows(added, borne=False)
 
     def straight(self, equations: Equations) -> tuple[np.ndarray, np.ndarray]:
         """Best straight description of each weight along a motion, (W, 3), and projections onto what it shows, (n, 3, 3).

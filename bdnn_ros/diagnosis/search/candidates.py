@@ -154,7 +154,7 @@ class Candidates:
         # the lag of friction in sticking is part of the load, so that a delay shifts it like the rest
         late = motion.derivative(motion.signals.sign) * pool.nuisances(fit)[equations.sticking]
         errors = motion.regressed(equations.relative @ fit.coefficients[:links])
-        base = equations.simulated + equations.passed(errors) + equations.passed(late)
+        base = equations.simulated + equations.with_load_friction(errors) + equations.with_load_friction(late)
         drive = equations.drive + late
         for chosen in fit.terms:
             term = pool.terms[chosen]
@@ -162,7 +162,7 @@ class Candidates:
                 continue
             coefficients = acting_per_measured(pool, fit, chosen) * pool.coefficients(fit, chosen)
             part = term.effect.columns(motion, term.target, dict(term.shape), term.link) @ coefficients
-            base += equations.passed(part)
+            base += equations.with_load_friction(part)
             if term.effect.in_drive:
                 drive += part
         return np.asarray(base), drive, effort_scales(pool, fit)

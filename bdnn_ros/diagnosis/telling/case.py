@@ -114,7 +114,7 @@ class Case:
     def by_lead(self) -> float:
         """Share of the simulation's squared error that this lead removes."""
         part = self.equations.nuisances[:, :, 0] * self.lead
-        return share_of(part, self.attempt.fitted.left(), self.equations.target, self.held)
+        return share_of(part, self.attempt.fitted.residual_of_all(), self.equations.target, self.held)
 
     @property
     def stays(self) -> bool:

@@ -94,7 +94,7 @@ def mostly_at(case: Case, least: float) -> list[str]:
     errors = fitted.whole.coefficients[: equations.rigid.shape[2]]
     every = equations.rigid @ errors
     of_joint = learned.columns(equations, jointwise) @ errors
-    left, total = fitted.left(), float(np.sum(equations.target[case.held] ** 2))
+    left, total = fitted.residual_of_all(), float(np.sum(equations.target[case.held] ** 2))
     counts = case.held.sum(axis=0)
 
     def removed(part: np.ndarray) -> np.ndarray:

@@ -10,7 +10,7 @@ from bdnn_ros.diagnosis.pushes.pushes import pushing
 from bdnn_ros.diagnosis.recorded.velocity_filter import reported_velocity
 from bdnn_ros.diagnosis.regression.building import least_motion
 from bdnn_ros.diagnosis.regression.equations import Equations
-from bdnn_ros.diagnosis.regression.gains import gain_of
+from bdnn_ros.diagnosis.regression.gains import held_out_gain
 from bdnn_ros.diagnosis.result import Diagnosis, Finding, Verdict, reference
 from bdnn_ros.diagnosis.telling.advice import MORE, MORE_SINCE, advice
 from bdnn_ros.diagnosis.telling.alike import ALIKE, FEWEST, SETTLED, Common, common, tied, untold
@@ -77,7 +77,7 @@ def told(case: Case, cutoff: float | None = None) -> Diagnosis:
     said = names.unsaid <= MOST and not changing and not unseen
     jumps = [note for recording in case.recordings for note in jumping(without_glitches(recording))]
     pushed = pushing(attempt.fitted.terms, equations.motion.time[equations.rows])
-    gain, interval = gain_of(equations, attempt.extended, case.held, pushed)
+    gain, interval = held_out_gain(equations, attempt.extended, case.held, pushed)
     unclear = _unclear(case, names, 1.0 - (1.0 - min(interval[0], 1.0)) ** 2)
     of_effort = _verdict(causes, unclear, bool(near.all()) and not jumps, said)
     above = _above(robot.joints, near, case.left)
