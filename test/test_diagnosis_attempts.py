@@ -11,8 +11,8 @@ from diagnosis_cases import equations_of, term, white
 
 from bdnn_ros.diagnosis.judging import attempt as module
 from bdnn_ros.diagnosis.judging.attempt import SURPRISING, Attempt, completed, surprise
-from bdnn_ros.diagnosis.judging.harmless import harmless
 from bdnn_ros.diagnosis.judging.posterior import estimates
+from bdnn_ros.diagnosis.judging.without_harm import without_harm
 from bdnn_ros.diagnosis.regression.evidence import Pool
 from bdnn_ros.diagnosis.regression.gains import held_out_gain
 from bdnn_ros.diagnosis.regression.noise import ORDER, Noise
@@ -123,7 +123,7 @@ def test_terms_that_do_harm_are_given_up() -> None:
     found = estimates(pool, pool.whole)
     for left, kept in ((0.1 * equations.target, 1), (1.5 * equations.target, 0)):
         attempt = Attempt(test, [], pool, left)
-        new, plain, told = harmless(equations, attempt, pool, found)
+        new, plain, told = without_harm(equations, attempt, pool, found)
         assert (len(plain.terms), len(told), len(new.fitted.terms)) == (kept, kept, kept)
     assert np.sum(new.extended**2) < np.sum((1.5 * equations.target) ** 2)
 
@@ -137,11 +137,11 @@ def test_corrections_that_do_harm_alone_are_given_up() -> None:
     pool, whole = Pool(equations, model, [], 0.05), equations.usable
     attempt = Attempt(test, [], pool, 1.5 * equations.target)
     equations.target[test] *= -1.0  # what is held out is the opposite of all else
-    new, plain, told = harmless(equations, attempt, pool, [])
+    new, plain, told = without_harm(equations, attempt, pool, [])
     assert (plain.terms, told) == ([], [])
     assert not plain.whole.coefficients.any() and not new.fitted.whole.coefficients.any()
     np.testing.assert_array_equal(new.extended, equations.target)
     np.testing.assert_array_equal(plain.residual_of_all(), equations.target)
     assert held_out_gain(equations, new.extended, whole & test[:, None]) == (0.0, (0.0, 0.0))
-    same, _, _ = harmless(equations, replace(attempt, extended=0.1 * equations.target), pool, [])
+    same, _, _ = without_harm(equations, replace(attempt, extended=0.1 * equations.target), pool, [])
     assert same.extended is not new.extended and same.fitted is pool

@@ -14,9 +14,9 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from bdnn_ros.diagnosis.regression.echo import Echo
-from bdnn_ros.diagnosis.regression.later import later, later_spread
 from bdnn_ros.diagnosis.regression.learned import Learned
 from bdnn_ros.diagnosis.regression.noise import ORDER, Noise, moving_time, past, whitened
+from bdnn_ros.diagnosis.regression.onset import onset_columns, onset_spread
 from bdnn_ros.diagnosis.regression.pushing import Pushing
 from bdnn_ros.diagnosis.regression.term import Term
 from bdnn_ros.diagnosis.regression.unsure import Unsure
@@ -202,12 +202,12 @@ class Equations:
 
         Lead: the load's rate, as a held effort leads. Blurs: the load's curvature, as of slow sensors, and that of the bodies'
         effort beyond the motion's frequencies, against noise of the position. Sticking: rates of the directions, as friction
-        of a joint that sticks turns before its low-passed velocity. Creep: see `later`.
+        of a joint that sticks turns before its low-passed velocity. Creep: see `onset_columns`.
         """
         if self._nuisances is None:
             rate = self.motion.load_rate
             general = self.as_rows(np.stack([rate, self.motion.derivative(rate)], axis=-1), borne=False)
-            creeping = later(self.motion.signals, self.as_rows)
+            creeping = onset_columns(self.motion.signals, self.as_rows)
             self._nuisances = np.concatenate([general, self._jitter, self._sticking, creeping], axis=2)
         return self._nuisances
 
@@ -233,7 +233,7 @@ class Equations:
     def nuisance_spread(self) -> np.ndarray:
         """Prior standard deviations of lead [s], blurs [s²], sticking [N·m·s] and creep [N·m], (3 + n + k,)."""
         blur, effort = self.motion.signals.kernel_std**2, self.effort_scale
-        more = later_spread(self.motion.signals, self.motion.robot, effort)
+        more = onset_spread(self.motion.signals, self.motion.robot, effort)
         return np.array([0.5 * self.hold, blur, blur, *(STICKING_LEAD * effort), *more])
 
     def update_load(self, *acting: np.ndarray, bodies: tuple[Robot, np.ndarray] | None = None) -> None:

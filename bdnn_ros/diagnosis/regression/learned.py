@@ -18,9 +18,9 @@ if TYPE_CHECKING:
 
 STRAIGHT = COMMON[1:]
 """Straight part of joint residuals: viscous and Coulomb friction and offset, signed as in the contract."""
-CONTRACT = np.array([1.0, 1.0, -1.0])
+CONTRACT_SIGNS = np.array([1.0, 1.0, -1.0])
 """Signs from `LocalResiduals.straight` to the contract: its offsets add to the measured effort, the contract's to what acts."""
-SHOWN = 1e-2
+SINGULAR_SHARE = 1e-2
 """Relative singular value below which the motion does not show a direction of these: Coulomb versus viscous at one speed."""
 
 
@@ -75,7 +75,7 @@ class Learned:
             terms = [Term(get(name), joint) for name in STRAIGHT]
             plain = np.concatenate([equations.columns(term)[when, joint] for term in terms], axis=1)
             size = np.maximum(np.linalg.norm(plain, axis=0), 1e-12)
-            back = np.linalg.pinv(plain / size, rcond=SHOWN) / size[:, None]
+            back = np.linalg.pinv(plain / size, rcond=SINGULAR_SHARE) / size[:, None]
             weights[own], shown[joint] = (back @ rows[when][:, own]).T, back @ plain
         return weights, shown
 
@@ -84,7 +84,7 @@ class Learned:
         result, (straight, shown) = np.zeros((len(STRAIGHT), equations.width)), self.straight(equations)
         places = self.left_open.joints, self.left_open.places
         np.add.at(result.T, places[0], straight * learned.weights[places][:, None])
-        return result - np.einsum("jkl,jl->kj", shown, learned.straight * CONTRACT)
+        return result - np.einsum("jkl,jl->kj", shown, learned.straight * CONTRACT_SIGNS)
 
     def moved(self, before: LocalResiduals | None, errors: np.ndarray) -> LocalResiduals | None:
         """Learned residuals with their weights moved by errors (U,)."""

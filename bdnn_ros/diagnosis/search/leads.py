@@ -23,7 +23,7 @@ LATEST, LAG_STEP = 0.2, 0.004
 """Largest delay that is tried, and the step between delays [s]."""
 
 
-def parted(pool: Pool, fit: Fit) -> tuple[float, dict[int, float]]:
+def lead_and_delays(pool: Pool, fit: Fit) -> tuple[float, dict[int, float]]:
     """The lead that remains [s], and what each chosen delay takes over of it [s].
 
     A delay of all joints takes all but the expected hold. Delays of single joints take only what no hold explains, and only if

@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 
 from bdnn_ros.aside import first_in_two
-from bdnn_ros.diagnosis.pushes.pushes import leftover, toss
+from bdnn_ros.diagnosis.pushes.pushes import leftover, tie_margin
 from bdnn_ros.diagnosis.regression.equations import Equations
 from bdnn_ros.diagnosis.regression.evidence import Pool
 from bdnn_ros.diagnosis.regression.odds import contains, having_each, log_odds, rival_joint, unbelievable
@@ -142,7 +142,7 @@ class Moves:
             return None
         rest = [c for c in chosen if c not in group]
         now = self.score(pool, chosen)
-        better = BETTER + toss(pool.terms[group[0]], now - self.score(pool, rest))
+        better = BETTER + tie_margin(pool.terms[group[0]], now - self.score(pool, rest))
         for rival, behind in self.rivals(pool, chosen, *group)[:RIVALS_TRIED]:
             if behind >= UNSURE:
                 break

@@ -29,7 +29,7 @@ from bdnn_ros.diagnosis.search.settling import anew, at_own_noise, refined
 
 LINK_ERRORS = (0.02, 0.05, 0.1, 0.2)
 """Prior standard deviations of relative link errors that are tried; the evidence chooses."""
-DOUBTS = (0.01, 0.02, 0.05, 0.1)
+IDENTIFIED_LINK_ERRORS = (0.01, 0.02, 0.05, 0.1)
 """The same against an identified model: one to ten of its own standard deviations."""
 NOISE_FLOOR = 1e-4
 """Smallest noise, as a share of the effort's spread."""

@@ -15,7 +15,7 @@ from bdnn_ros.diagnosis.regression.evidence import Pool
 from bdnn_ros.diagnosis.regression.gains import held_out_gain
 
 
-def harmless(
+def without_harm(
     equations: Equations, attempt: Attempt, pool: Pool, found: list[Estimate]
 ) -> tuple[Attempt, Pool, list[Estimate]]:
     """An attempt, its terms in all rows and their estimates; no terms where they surely increase the held-out error.

@@ -16,7 +16,7 @@ from bdnn_ros.diagnosis.search.settling import refined
 from bdnn_ros.effects.base import SHOWN
 
 
-def plainly(
+def simplified(
     candidates: Candidates, equations: Equations, attempt: Attempt
 ) -> tuple[Attempt, Pool, list[Estimate]]:
     """An attempt with insignificant laws simplified, its terms fitted to all rows without dwelling, and their estimates."""
@@ -65,8 +65,8 @@ def _plain(
         surely: whether each law significantly exceeds what it settles into.
     """
     found = estimates(pool, pool.whole)
-    plainly = (k for k, one in enumerate(found) if not (one.shown and surely[k]))
-    settled = ((k, candidates.settled(found[k].term, equations.motion)) for k in plainly)
+    insignificant = (k for k, one in enumerate(found) if not (one.shown and surely[k]))
+    settled = ((k, candidates.settled(found[k].term, equations.motion)) for k in insignificant)
     instead = {k: plain for k, plain in settled if plain is not None}
     if not instead:
         return attempt, pool, found
