@@ -126,12 +126,11 @@ def examine(
     attempt, pool, found = simplified(looks.candidates, equations, attempt)
     attempt, pool, found = without_harm(equations, completed(equations, attempt), pool, found)
     equations.use_rows(pool.sure)
-    remainder = describe(
-        equations, pool.residual_of_all(), stepping(recordings, robot, signals.cutoff), known.dry
-    )
+    left = pool.residual_of_all()
+    remainder = describe(equations, left, stepping(recordings, robot, signals.cutoff), known.dry)
     recordings = remarked(recordings, signals, robot, [*known.held, *pool.terms])
     case = Case(recordings, robot, equations, attempt, found, remainder, known.earlier)
-    diagnosis, networks = with_rest(diagnosis_of(case, cutoff), case, pool.residual_of_all())
+    diagnosis, networks = with_rest(diagnosis_of(case, cutoff), case, left)
     return Examination(
         diagnosis,
         tuple(recordings),
