@@ -14,11 +14,11 @@ from _naming_judging import WORN
 from bdnn_ros.diagnosis.diagnose import Examination
 from bdnn_ros.diagnosis.regression.coloring import noise_of
 from bdnn_ros.diagnosis.regression.evidence import Pool
-from bdnn_ros.diagnosis.regression.odds import doubt
+from bdnn_ros.diagnosis.regression.odds import link_error_cost
 from bdnn_ros.diagnosis.regression.term import Term
 from bdnn_ros.diagnosis.search.candidates import Candidates
 from bdnn_ros.diagnosis.search.search import LINK_ERRORS
-from bdnn_ros.diagnosis.search.settling import relieve
+from bdnn_ros.diagnosis.search.settling import update_load
 from bdnn_ros.effects.registry import Installed, get, variants
 from bdnn_ros.robot import Robot
 
@@ -36,17 +36,19 @@ def evidence(
     """
     robot, equations = examination.robot, examination.equations
     counted = equations.usable
-    equations.count(equations.ever_usable)  # what a search sees, more than what parameters are estimated from
+    equations.use_rows(
+        equations.usable_before_holdout
+    )  # what a search sees, more than what parameters are estimated from
     own = [_term(one) for one in hidden if not one.effect.kinematic]
     terms = [*own, *_wear(truth, robot)]
     pool = Pool(equations, examination.pool.noise, terms, examination.pool.link_error)
     for _ in range(ROUNDS):
         residual = pool.residual(pool.whole)
         noise = noise_of(equations, residual, 1e-4 * equations.effort_scale)
-        relieve(Candidates.of(robot), equations, pool)
+        update_load(Candidates.of(robot), equations, pool)
         pool = Pool(equations, noise, terms, pool.link_error)
     gained = {(term.effect.name, term.target): _gain(pool, k) for k, term in enumerate(own)}
-    equations.count(counted)
+    equations.use_rows(counted)
     return gained
 
 
@@ -59,12 +61,12 @@ def _gain(pool: Pool, one: int) -> float:
     rest = [k for k in range(count) if k != one]
     instead = [rest, *([*rest, count + k] for k in range(len(parts)))]
     with_parts = Pool(pool.equations, pool.noise, [*pool.terms, *parts], pool.link_error)
-    beliefs = [with_parts.believing(error) for error in LINK_ERRORS]
+    beliefs = [with_parts.with_link_error(error) for error in LINK_ERRORS]
     return max(_score(p, range(count)) for p in beliefs) - max(_score(p, s) for p in beliefs for s in instead)
 
 
 def _score(pool: Pool, chosen: Sequence[int]) -> float:
-    return pool.fit(chosen).evidence - doubt(pool)
+    return pool.fit(chosen).evidence - link_error_cost(pool)
 
 
 def _term(one: Installed) -> Term:

@@ -9,7 +9,7 @@ import pytest
 
 from bdnn_ros.checks.description import doubts, require_mass, weightless
 from bdnn_ros.diagnosis.result import Finding
-from bdnn_ros.diagnosis.telling.notes import haunted
+from bdnn_ros.diagnosis.telling.notes import massless_links
 from bdnn_ros.errors import RobotError
 from bdnn_ros.robot import BUNDLED, Robot
 
@@ -95,7 +95,7 @@ def test_a_finding_at_a_link_with_such_a_frame_is_told_of_it() -> None:
         Finding(effect, None, link, {}, 0.1, 0.9, (), "")
         for effect, link in (("link_inertia", "arm6_link6"), ("payload", "arm6_link5"))
     ]
-    (note,) = haunted(with_flange("0.1"), findings)
+    (note,) = massless_links(with_flange("0.1"), findings)
     assert note.startswith("What is named at arm6_link6 may be no more than the described inertia of flange")
 
 

@@ -25,7 +25,7 @@ def advised(uneven: float, one_way: bool = False, noise: float = 0.02, law: str 
     equations.target = equations.target + left
     if one_way:
         velocity = equations.motion.velocity[equations.rows]
-        equations.count(equations.usable & (velocity > 0.5 * velocity.max(axis=0)))
+        equations.use_rows(equations.usable & (velocity > 0.5 * velocity.max(axis=0)))
     pool, rival = Pool(equations, model, [Term(get("coulomb_friction"), 1)], 0.02), Term(get(law), 1)
     rival = rival.shaped(rival.shapes(equations.motion)[0])
     (said,) = advice(

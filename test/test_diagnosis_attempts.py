@@ -11,10 +11,10 @@ from diagnosis_cases import equations_of, term, white
 
 from bdnn_ros.diagnosis.judging import attempt as module
 from bdnn_ros.diagnosis.judging.attempt import SURPRISING, Attempt, completed, surprise
-from bdnn_ros.diagnosis.judging.harmless import harmless
 from bdnn_ros.diagnosis.judging.posterior import estimates
+from bdnn_ros.diagnosis.judging.without_harm import without_harm
 from bdnn_ros.diagnosis.regression.evidence import Pool
-from bdnn_ros.diagnosis.regression.gains import gain_of
+from bdnn_ros.diagnosis.regression.gains import held_out_gain
 from bdnn_ros.diagnosis.regression.noise import ORDER, Noise
 from bdnn_ros.robot import Robot
 
@@ -51,10 +51,14 @@ def test_the_first_attempt_that_is_no_surprise_or_the_smaller_one(
     block, sure = np.arange(100) % 10, np.ones((100, 1), bool)
     looked, attempts = [], []
     equations = SimpleNamespace(
-        usable=sure, motion="at first", block=block, effort_scale=np.ones(1), doubt=np.zeros((100, 1))
+        usable=sure,
+        motion="at first",
+        block=block,
+        effort_scale=np.ones(1),
+        sticking_doubt=np.zeros((100, 1)),
     )
-    equations.take = lambda motion: setattr(equations, "motion", motion)
-    equations.count = lambda rows: setattr(equations, "usable", rows)
+    equations.use_motion = lambda motion: setattr(equations, "motion", motion)
+    equations.use_rows = lambda rows: setattr(equations, "usable", rows)
 
     class Looking:
         def __init__(self, *given: object) -> None:
@@ -95,17 +99,17 @@ def test_a_push_between_the_held_out_blocks_is_held_out_by_a_fifth(when, more):
     draw = np.random.default_rng(0).standard_normal(equations.target.shape)
     equations.target[:] += noise.std * draw
     whole, test = equations.usable, equations.block % 5 == 2
-    equations.count(whole & ~test[:, None])
+    equations.use_rows(whole & ~test[:, None])
     pool = Pool(equations, noise, [push], 0.05)
-    attempt = Attempt(test, [], pool, pool.left())
-    equations.count(whole)
+    attempt = Attempt(test, [], pool, pool.residual_of_all())
+    equations.use_rows(whole)
     found = completed(equations, attempt)
     time = equations.motion.time[equations.rows]
     middle = time[found.test & ~test]
     assert len(middle) * np.median(np.diff(time)) == pytest.approx(more, abs=0.1)
     assert (np.abs(middle - np.mean(when)) < 0.15 * (when[1] - when[0])).all()
     assert found.test[test].all() and (found.extended[test] == attempt.extended[test]).all()
-    assert gain_of(equations, found.extended, whole & found.test[:, None])[0] > 0.95
+    assert held_out_gain(equations, found.extended, whole & found.test[:, None])[0] > 0.95
     assert (equations.usable == whole).all()
 
 
@@ -119,7 +123,7 @@ def test_terms_that_do_harm_are_given_up() -> None:
     found = estimates(pool, pool.whole)
     for left, kept in ((0.1 * equations.target, 1), (1.5 * equations.target, 0)):
         attempt = Attempt(test, [], pool, left)
-        new, plain, told = harmless(equations, attempt, pool, found)
+        new, plain, told = without_harm(equations, attempt, pool, found)
         assert (len(plain.terms), len(told), len(new.fitted.terms)) == (kept, kept, kept)
     assert np.sum(new.extended**2) < np.sum((1.5 * equations.target) ** 2)
 
@@ -133,11 +137,11 @@ def test_corrections_that_do_harm_alone_are_given_up() -> None:
     pool, whole = Pool(equations, model, [], 0.05), equations.usable
     attempt = Attempt(test, [], pool, 1.5 * equations.target)
     equations.target[test] *= -1.0  # what is held out is the opposite of all else
-    new, plain, told = harmless(equations, attempt, pool, [])
+    new, plain, told = without_harm(equations, attempt, pool, [])
     assert (plain.terms, told) == ([], [])
     assert not plain.whole.coefficients.any() and not new.fitted.whole.coefficients.any()
     np.testing.assert_array_equal(new.extended, equations.target)
-    np.testing.assert_array_equal(plain.left(), equations.target)
-    assert gain_of(equations, new.extended, whole & test[:, None]) == (0.0, (0.0, 0.0))
-    same, _, _ = harmless(equations, replace(attempt, extended=0.1 * equations.target), pool, [])
+    np.testing.assert_array_equal(plain.residual_of_all(), equations.target)
+    assert held_out_gain(equations, new.extended, whole & test[:, None]) == (0.0, (0.0, 0.0))
+    same, _, _ = without_harm(equations, replace(attempt, extended=0.1 * equations.target), pool, [])
     assert same.extended is not new.extended and same.fitted is pool

@@ -334,7 +334,7 @@ def test_a_better_load_renews_only_columns_made_from_it():
     robot = equations.motion.robot
     (of_load, _), (other, _) = term(load_made, robot), term(SPECS[0], robot)
     before = equations.columns(of_load).copy(), equations.columns(other)
-    equations.relieve(2.0 * equations.motion.load, equations.drive)
+    equations.update_load(2.0 * equations.motion.load, equations.drive)
     np.testing.assert_allclose(equations.columns(of_load), 2.0 * before[0], atol=1e-9)
     assert equations.columns(other) is before[1]
 
@@ -396,7 +396,7 @@ def test_what_acts_only_in_held_out_rows_is_believed_to_be_as_small_as_anywhere(
     columns = equations.columns(push)
     everywhere = equations.spread(push, columns)
     time = equations.motion.time[equations.rows]
-    equations.count(equations.usable & ~((time > 2.5) & (time < 6.5))[:, None])
+    equations.use_rows(equations.usable & ~((time > 2.5) & (time < 6.5))[:, None])
     assert np.abs(columns[equations.usable]).max() < 1e-3 * np.abs(columns).max()
     assert equations.spread(push, columns) == pytest.approx(everywhere)
 

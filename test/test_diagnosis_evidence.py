@@ -92,7 +92,7 @@ def test_a_fit_is_bayesian_linear_regression(pool, chosen):
     assert sign > 0.0
     equations = pool.equations
     history = equations.history(1)
-    stds = pool.noise.of(equations.doubtful(1), np.maximum(history, 0))[history >= 0]
+    stds = pool.noise.of(equations.recent_sticking_doubt(1), np.maximum(history, 0))[history >= 0]
     expected = -0.5 * (target @ np.linalg.solve(marginal, target) + volume)
     # a constant of the data and the noise model: the same whatever is chosen
     constant = fit.evidence - expected
@@ -200,7 +200,7 @@ def test_replacing_a_shape_is_rebuilding(pool, terms):
 
 
 def test_believing_otherwise_is_rebuilding(pool, terms):
-    same(pool.believing(0.3), Pool(pool.equations, pool.noise, terms, 0.3), (), (VISCOUS, OFFSET2))
+    same(pool.with_link_error(0.3), Pool(pool.equations, pool.noise, terms, 0.3), (), (VISCOUS, OFFSET2))
     assert pool.link_error == LINK_ERROR
 
 
@@ -213,7 +213,7 @@ def test_the_evidence_prefers_what_is_true(pool):
 
 
 def test_no_set_of_terms_exceeds_the_most_that_all_of_them_can(pool):
-    most = pool.most(range(len(pool.terms)))
+    most = pool.evidence_bound(range(len(pool.terms)))
     for chosen in (
         (),
         (VISCOUS, OFFSET2),
@@ -221,7 +221,7 @@ def test_no_set_of_terms_exceeds_the_most_that_all_of_them_can(pool):
         tuple(range(len(pool.terms))),
     ):
         assert pool.fit(chosen).evidence < most
-    assert pool.most(()) < pool.fit((VISCOUS, OFFSET2)).evidence
+    assert pool.evidence_bound(()) < pool.fit((VISCOUS, OFFSET2)).evidence
 
 
 def test_errors_of_the_links_of_the_believed_size_leave_nothing_to_find(terms):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from bdnn_ros.diagnosis.judging.identifiability import Judgement
-from bdnn_ros.diagnosis.regression.gains import Removal, gain_of, noticeable, removed
+from bdnn_ros.diagnosis.regression.gains import Removal, held_out_gain, noticeable, removed
 from bdnn_ros.diagnosis.regression.term import Term
 from bdnn_ros.diagnosis.result import Quantity
 from bdnn_ros.diagnosis.telling import naming
@@ -63,7 +63,7 @@ def removal_of(name, part, stretches, noise=0.02):
     pool = SimpleNamespace(
         terms=[SimpleNamespace(effect=get(name))],
         whole=SimpleNamespace(),
-        left=lambda: left,
+        residual_of_all=lambda: left,
         coefficients=lambda fit, chosen: np.ones(1),
     )
     equations = SimpleNamespace(columns=lambda term: part[:, :, None], effort_scale=np.ones(1))
@@ -149,7 +149,7 @@ def test_the_gain_of_a_few_held_out_blocks_has_an_interval(blocks):
     target, extended = draw.standard_normal((count, 2)), 0.5 * draw.standard_normal((count, 2))
     held = np.ones((count, 2), bool)
     held[::7, 1] = False
-    gain, (low, high) = gain_of(SimpleNamespace(block=block, target=target), extended, held)
+    gain, (low, high) = held_out_gain(SimpleNamespace(block=block, target=target), extended, held)
     left, before = (np.sqrt(np.sum(np.where(held, one, 0.0) ** 2)) for one in (extended, target))
     assert gain == pytest.approx(1.0 - left / before)
     assert 0.005 < high - gain < 0.1 and 0.005 < gain - low < 0.1
@@ -165,7 +165,7 @@ def test_the_gain_of_what_moves_or_is_pushed_once_is_as_well_known_as_of_what_al
     if not pushed:
         held[:, 1] = once
     where = once if pushed else None
-    gain, (low, high) = gain_of(SimpleNamespace(block=block, target=target), extended, held, where)
+    gain, (low, high) = held_out_gain(SimpleNamespace(block=block, target=target), extended, held, where)
     assert 0.7 < low < gain < high < low + 0.1
 
 

@@ -12,7 +12,7 @@ from scipy.signal import lfilter
 from bdnn_ros import bags
 from bdnn_ros.cli.main import main
 from bdnn_ros.diagnosis.diagnose import examine
-from bdnn_ros.diagnosis.recorded.lateness import Lateness, in_time, lateness
+from bdnn_ros.diagnosis.recorded.lateness import Lateness, lateness, without_lateness
 from bdnn_ros.effects.bristles import bristle
 from bdnn_ros.effects.registry import parse_spec
 from bdnn_ros.extension.extend import extend
@@ -85,7 +85,7 @@ def test_what_smoothing_did_is_taken_back():
     recording = simulate(Robot.bundled("arm2"), seed=1, duration=3.0).recording
     gap = np.r_[0:500, 700:1500]
     recording = recording.part(gap)
-    (back,), _ = in_time([smoothed(recording, 0.05)], Lateness(lag=0.05))
+    (back,), _ = without_lateness([smoothed(recording, 0.05)], Lateness(lag=0.05))
     kept = np.isin(recording.time, back.time)
     assert kept.sum() == len(recording) - 2  # what came before a piece's first effort is not known
     np.testing.assert_allclose(back.require_effort(), recording.require_effort()[kept], atol=1e-9)
@@ -134,13 +134,13 @@ def test_efforts_move_within_their_pieces():
     time = np.concatenate([np.arange(100), np.arange(200, 300)]) / 100.0
     effort = np.arange(200.0)[:, None]
     recording = Recording(time, ("a",), np.zeros((200, 1)), effort=effort)
-    (moved,), _ = in_time([recording], Lateness(delay=0.05))
+    (moved,), _ = without_lateness([recording], Lateness(delay=0.05))
     np.testing.assert_array_equal(moved.time, np.concatenate([time[:95], time[100:195]]))
     np.testing.assert_array_equal(
         moved.require_effort()[:, 0], np.concatenate([effort[5:100, 0], effort[105:, 0]])
     )
     assert "comes about 51 ms after the motion" in moved.notes[0]
-    assert in_time([recording], Lateness()) == ([recording], Lateness())
+    assert without_lateness([recording], Lateness()) == ([recording], Lateness())
 
 
 def test_what_is_taken_back_is_what_the_efforts_move_by():
@@ -150,13 +150,13 @@ def test_what_is_taken_back_is_what_the_efforts_move_by():
         for n in (50, 100)
     )
     by_two = Lateness(delay=0.0335)
-    (moved,), back = in_time([recording], by_two)
+    (moved,), back = without_lateness([recording], by_two)
     assert moved.require_effort()[0, 0] == 2.0
     assert back.delay == pytest.approx(0.04)
-    assert in_time([recording, fast], by_two)[1].delay == pytest.approx((0.04 + 2 * 0.03) / 3)
+    assert without_lateness([recording, fast], by_two)[1].delay == pytest.approx((0.04 + 2 * 0.03) / 3)
     short = recording.part(slice(0, 2))
-    assert in_time([short], by_two) == ([short], Lateness())
-    assert in_time([recording], Lateness(lag=0.03))[1] == Lateness(lag=0.03)
+    assert without_lateness([short], by_two) == ([short], Lateness())
+    assert without_lateness([recording], Lateness(lag=0.03))[1] == Lateness(lag=0.03)
 
 
 @pytest.mark.slow

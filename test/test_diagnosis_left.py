@@ -14,7 +14,7 @@ from bdnn_ros.diagnosis.regression.coloring import noise_of
 from bdnn_ros.diagnosis.regression.equations import Equations
 from bdnn_ros.diagnosis.regression.evidence import Pool
 from bdnn_ros.diagnosis.telling.case import Case
-from bdnn_ros.diagnosis.telling.left import mostly_at, then
+from bdnn_ros.diagnosis.telling.left import error_then, mostly_at
 from bdnn_ros.diagnosis.telling.unexplained import Remainder
 from bdnn_ros.online.identifier import Identifier
 from bdnn_ros.physical.model import PhysicalModel
@@ -50,12 +50,12 @@ def test_most_of_what_is_mended_is_told_with_its_joint():
     equations = against(True)
     noise = noise_of(equations, 0.05 * equations.target, 1e-4 * equations.effort_scale)
     pool, test = Pool(equations, noise, [], 0.1), equations.block % 5 == 2
-    attempt = Attempt(test, [], pool, pool.left())
+    attempt = Attempt(test, [], pool, pool.residual_of_all())
     remainder, since = Remainder(np.ones(2), {}, np.zeros((1, 2))), Compared.of(model(), model().robot)
     case = Case((), model().robot, equations, attempt, (), remainder, since)
     (said,) = mostly_at(case, 0.5)
     assert f"at {SECOND}, " in said and "friction" in said
     assert mostly_at(case, 0.05) == [] == mostly_at(replace(case, equations=against(False)), 0.5)
     times = float(case.simulation[1] / model().noise[1])
-    assert f"errs {times:.1f} times as much" in then(case, (SECOND,))
-    assert then(replace(case, since=None), (SECOND,)) == ""
+    assert f"errs {times:.1f} times as much" in error_then(case, (SECOND,))
+    assert error_then(replace(case, earlier=None), (SECOND,)) == ""

@@ -60,7 +60,7 @@ def test_a_spring_does_not_give_way_to_a_scale_of_what_it_does(monkeypatch):
     noise = Noise(np.zeros((6, 3)), 0.1 * equations.effort_scale)
     spring = next(c for c, t in enumerate(terms) if t.effect.name == "joint_spring")
     pool = Pool(equations, noise, terms, 0.02)
-    equations.relieve(*candidates.load(equations, pool, pool.fit([spring])))
+    equations.update_load(*candidates.load(equations, pool, pool.fit([spring])))
     pool, moves = Pool(equations, noise, terms, 0.02), Moves(equations, candidates)
     assert moves._replace(pool, [spring]) == [spring]
     monkeypatch.setattr(moves, "score_beside", lambda pool, rest, one: moves.score(pool, [*rest, one]))
@@ -90,7 +90,7 @@ def test_nothing_more_is_tried_once_nothing_could_reach_what_is_wanted(monkeypat
     moves, tilt = Moves(equations, Candidates.of(Robot.bundled("arm2"))), len(terms) - 1
     tried: list[int] = []
     monkeypatch.setattr(moves, "pays", lambda pool, grown, candidate: tried.append(candidate) or True)
-    without = pool.most([c for c in range(len(terms)) if c != tilt])
+    without = pool.evidence_bound([c for c in range(len(terms)) if c != tilt])
     for wanted, trials in ((without - 1.0, True), (without + 1.0, False)):
         tried.clear()
         moves._add(pool, [], 0.0, [tilt], wanted)

@@ -8,7 +8,12 @@ import numpy as np
 import pytest
 
 from bdnn_ros.diagnosis.diagnose import examine
-from bdnn_ros.diagnosis.regression.building import DWELLING_WIDTHS, STICKING_WIDTHS, sticks, turns
+from bdnn_ros.diagnosis.regression.building import (
+    DWELLING_WIDTHS,
+    STICKING_WIDTHS,
+    near_creeping,
+    sticking_doubt_of,
+)
 from bdnn_ros.diagnosis.regression.noise import Noise, slipping
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals import prepare
@@ -36,7 +41,7 @@ def test_rows_are_sure_where_slip_is_less_than_the_other_noise():
 def test_a_direction_is_doubted_at_reversals_and_not_between():
     robot = Robot.bundled("arm2")
     signals = prepare(simulate(robot, seed=1, duration=10.0, noise=Sensors.of(0.0)).recording)
-    doubt, sticking = turns(signals), sticks(signals, STICKING_WIDTHS)
+    doubt, sticking = sticking_doubt_of(signals), near_creeping(signals, STICKING_WIDTHS)
     for j in range(2):
         v = signals.velocity[:, j]
         turning = np.flatnonzero(v[1:] * v[:-1] < 0.0)
@@ -59,7 +64,7 @@ def test_a_joint_dwells_wherever_it_sticks_and_not_the_other_way_round():
         velocity=np.where(creeping, 0.0, np.copysign(1.0, signals.velocity)),
         acceleration=np.ones(creeping.shape),
     )
-    dwelling, sticking = sticks(still, DWELLING_WIDTHS), sticks(still, STICKING_WIDTHS)
+    dwelling, sticking = near_creeping(still, DWELLING_WIDTHS), near_creeping(still, STICKING_WIDTHS)
     assert dwelling.any(axis=0).tolist() == [True, True]
     assert sticking.any(axis=0).tolist() == [False, True]
     assert not (sticking & ~dwelling).any()

@@ -15,7 +15,7 @@ from bdnn_ros.diagnosis.judging.identifiability import Judgement
 from bdnn_ros.diagnosis.judging.posterior import Estimate
 from bdnn_ros.diagnosis.regression.term import Term
 from bdnn_ros.diagnosis.result import Finding, Quantity
-from bdnn_ros.diagnosis.search.leads import parted
+from bdnn_ros.diagnosis.search.leads import lead_and_delays
 from bdnn_ros.diagnosis.telling.advice import advice
 from bdnn_ros.diagnosis.telling.left import unexplained_sentence
 from bdnn_ros.diagnosis.telling.naming import Named, beyond_links
@@ -217,7 +217,7 @@ def test_a_lead_stays_where_joints_without_a_delay_show_it(late, kept):
         equations=equations, terms=terms, coefficients=lambda fit, chosen: np.array([3e-3])
     )
     fit = SimpleNamespace(coefficients=np.array([0.0, 0.0, 0.0, -4e-3]), terms=range(len(terms)))
-    lead, moved = parted(pool, fit)
+    lead, moved = lead_and_delays(pool, fit)
     assert lead == pytest.approx(kept)
     for taken in moved.values():  # the sum of both is what was measured
         assert lead + taken == pytest.approx(-4e-3)
@@ -330,7 +330,7 @@ def test_that_links_errors_make_up_most_is_said_where_they_do():
 )
 def test_a_lead_that_makes_up_most_of_what_is_gained_is_told_beside_causes(by_lead, gained, lead, told):
     case = SimpleNamespace(
-        by_lead=by_lead, gained=gained, lead=lead, equations=SimpleNamespace(hold=2e-3), since=None
+        by_lead=by_lead, gained=gained, lead=lead, equations=SimpleNamespace(hold=2e-3), earlier=None
     )
     notes = _led(case)
     assert len(notes) == told
@@ -422,6 +422,6 @@ def test_too_little_motion_is_told_as_what_there_is_and_what_is_needed(longest, 
 )
 def test_where_nothing_can_be_told_there_is_something_to_do(verdict, since, said):
     """Though nothing is in doubt that a motion of its own would settle."""
-    case = SimpleNamespace(found=[], attempt=SimpleNamespace(judgements=[]), robot=ARM, since=since)
+    case = SimpleNamespace(found=[], attempt=SimpleNamespace(judgements=[]), robot=ARM, earlier=since)
     told = _advice(case, Named([], False, [], [], [], 0.0, 0.0), verdict)
     assert len(told) == len(said) and all(map(str.startswith, told, said))

@@ -148,7 +148,7 @@ def test_what_is_carried_is_no_point_and_still_weighed_right(mass, size):
     assert (payload.effect, payload.link) == ("payload", "arm6_link6")
     assert payload.parameters["mass"].value == pytest.approx(mass, rel=0.02)
     signals = found.equations.motion.signals
-    left = found.equations.reduced(signals.effort - extend(found).predict(signals))
+    left = found.equations.as_rows(signals.effort - extend(found).predict(signals))
     assert rms(left, found.equations.usable) == pytest.approx(
         rms(found.pool.residual(found.fit, blur=False), found.equations.usable), rel=0.02
     )

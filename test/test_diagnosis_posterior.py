@@ -155,7 +155,7 @@ def test_what_of_a_law_is_told_by_its_tail_alone_is_an_extrapolation(slowest):
     spec = f"stribeck_friction@{J1}:coulomb={coulomb},static={static},velocity={velocity}"
     equations = equations_of([spec])
     speed = np.abs(equations.motion.velocity[equations.rows])
-    equations.count(equations.usable & (speed > slowest))
+    equations.use_rows(equations.usable & (speed > slowest))
     one, _ = term(spec, Robot.bundled("arm2"))
     pool = Pool(equations, Noise(np.zeros((2, 1)), np.full(2, 1e-4)), [one], LINK_ERROR)
     (estimate,) = estimates(pool, pool.fit([0]))
@@ -221,7 +221,7 @@ def test_what_a_body_weighs_bears_twice_the_errors_of_the_links():
     noise = Noise(np.zeros((2, 1)), np.full(2, 0.02))
     pool = Pool(equations, noise, terms, LINK_ERROR)
     payload, viscous = estimates(pool, pool.whole)
-    wider, _ = estimates(pool.believing(2.0 * LINK_ERROR), pool.whole)
+    wider, _ = estimates(pool.with_link_error(2.0 * LINK_ERROR), pool.whole)
     np.testing.assert_allclose(payload.doubting, wider.covariance, rtol=1e-6, atol=1e-12)
     assert payload.doubting[0, 0] > 1.5 * payload.covariance[0, 0]
     assert payload.quantities["mass"].std >= np.sqrt(payload.doubting[0, 0])

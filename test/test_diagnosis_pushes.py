@@ -104,7 +104,7 @@ def test_a_time_that_no_row_tells_is_not_told_as_certain():
     equations, push = pool.equations, pool.terms[0]
     assert unseen(pool, push) == {"start": 0.0, "end": 0.0}
     time = equations.motion.time[equations.rows]
-    equations.count(equations.usable & ((time < 6.2) | (time > 7.0))[:, None])
+    equations.use_rows(equations.usable & ((time < 6.2) | (time > 7.0))[:, None])
     pool = Pool(equations, pool.noise, [push], TRUSTING)
     (found,) = estimates(pool, pool.whole)
     assert unseen(pool, push) == pytest.approx({"start": 0.0, "end": 0.8}, abs=0.1)
@@ -341,7 +341,7 @@ def test_what_acts_whenever_its_joint_moves_is_no_push(moves, always):
     time = equations.motion.time[equations.rows]
     rows = equations.usable.copy()
     rows[:, 2] &= (time > moves[0]) & (time < moves[1])
-    equations.count(rows)
+    equations.use_rows(rows)
     _, model = white(equations, 0.02)
     pool = Pool(equations, model, [term(spec, ARM)[0]], TRUSTING)
     assert throughout(pool, (0,), 0) is always
@@ -395,10 +395,12 @@ def test_rows_of_a_push_are_its_columns_behind_the_low_pass(spec, passing, lead)
     rng = np.random.default_rng(0)
     more = rng.uniform(1.0, 1.5, signals.position.shape) if passing else None
     motion = Motion(signals, ARM, equations.motion.load)
-    equations = replace(equations, motion=motion, passing=more, lead=lead, _columns={}, _nuisances=None)
+    equations = replace(
+        equations, motion=motion, load_friction_factor=more, lead=lead, _columns={}, _nuisances=None
+    )
     columns = one.effect.columns(motion, one.target, dict(one.shape), one.link)
-    np.testing.assert_allclose(equations.made(one), equations.reduced(columns), rtol=0.0, atol=1e-12)
-    assert np.abs(equations.made(one)).max() > 0.1
+    np.testing.assert_allclose(equations.fresh_columns(one), equations.as_rows(columns), rtol=0.0, atol=1e-12)
+    assert np.abs(equations.fresh_columns(one)).max() > 0.1
 
 
 @pytest.mark.slow

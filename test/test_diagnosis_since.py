@@ -68,7 +68,7 @@ def moved_errors(
         armature=other.armature, viscous=other.viscous, coulomb=other.coulomb
     )
     after = replace(model, robot=robot, offset=other.offset, learned=learned).predict(signals)
-    return equations, equations.rigid @ units, equations.reduced(after - model.predict(signals))
+    return equations, equations.rigid @ units, equations.as_rows(after - model.predict(signals))
 
 
 @pytest.mark.slow
@@ -85,7 +85,7 @@ def test_errors_of_a_model_are_those_of_what_its_joints_add(model):
     signals = flattened(prepare(moved(30.0)), 5.0)
     equations, found, wanted = moved_errors(model, signals, model.left_open)
     assert (equations.learned.weights != 0.0).any()
-    moves_on = equations.doubt < 0.01
+    moves_on = equations.sticking_doubt < 0.01
     assert moves_on.mean() > 0.5
     apart = np.abs(found - wanted)[moves_on] / np.abs(wanted).max()
     # which rows lie just beside a reversal is chance: rounding that differs moves a worst one from 1.9 to 2.4 %

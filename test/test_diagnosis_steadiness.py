@@ -18,7 +18,7 @@ from bdnn_ros.diagnosis.regression.evidence import Pool
 from bdnn_ros.diagnosis.search.candidates import Candidates
 from bdnn_ros.diagnosis.search.search import Search, Selection
 from bdnn_ros.diagnosis.telling.case import Case
-from bdnn_ros.diagnosis.telling.telling import told
+from bdnn_ros.diagnosis.telling.telling import diagnosis_of
 from bdnn_ros.diagnosis.telling.unexplained import Remainder
 from bdnn_ros.robot import Robot
 
@@ -138,10 +138,10 @@ def test_a_finding_says_that_it_changes(changing):
     equations = replace(pool.equations, effort_scale=np.maximum(pool.equations.effort_scale, 1.0))
     nothing = np.zeros_like(equations.target)
     attempt = Attempt(
-        equations.block % 5 == 2, [Judgement(0.9, 0.0, (), changing=changing)], pool, pool.left()
+        equations.block % 5 == 2, [Judgement(0.9, 0.0, (), changing=changing)], pool, pool.residual_of_all()
     )
     remainder = Remainder(np.full(6, 10.0), {}, nothing)
-    diagnosis = told(Case([], ARM, equations, attempt, estimates(pool, pool.whole), remainder))
+    diagnosis = diagnosis_of(Case([], ARM, equations, attempt, estimates(pool, pool.whole), remainder))
     (finding,) = diagnosis.findings
     assert ("Its force changes meanwhile" in finding.sentence) is changing
     assert diagnosis.verdict == ("partly_explained" if changing else "explained")

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from diagnosis_cases import equations_of
 
-from bdnn_ros.diagnosis.judging import identifiability, plainly
+from bdnn_ros.diagnosis.judging import identifiability, simplified
 from bdnn_ros.diagnosis.judging.attempt import Attempt
 from bdnn_ros.diagnosis.judging.identifiability import Judgement, folded, likelier, plainer, weighed
 from bdnn_ros.diagnosis.regression.evidence import Pool
@@ -192,7 +192,7 @@ def test_where_no_joint_dwells_shapes_of_dry_friction_are_found_anew_beside_all_
         seen.append((one, fit.terms))
         return pool.terms[one]
 
-    plainly._exact(SimpleNamespace(refined=refined), equations, pool)
+    simplified._exact(SimpleNamespace(refined=refined), equations, pool)
     assert seen == [(0, (0, 1, 2)), (1, (0, 1, 2))]
     np.testing.assert_array_equal(equations.usable, counted & ~equations.dwelling)
 
@@ -208,13 +208,13 @@ def told_plainly(monkeypatch, names, truth, shape, shown=False, beyond=(np.inf, 
     attempt = Attempt(np.zeros(len(equations.rows), bool), judgements, pool, equations.target)
     law = terms[1].effect.name
     monkeypatch.setattr(
-        plainly,
+        simplified,
         "estimates",
         lambda pool, fit: [SimpleNamespace(term=t, shown=shown or t.effect.name != law) for t in pool.terms],
     )
     candidates = Candidates.of(equations.motion.robot)
-    surely = plainly._surely(*([one] * len(terms) for one in beyond))
-    told, refitted, found = plainly._plain(candidates, equations, attempt, pool, surely)
+    surely = simplified._surely(*([one] * len(terms) for one in beyond))
+    told, refitted, found = simplified._plain(candidates, equations, attempt, pool, surely)
     assert len(found) == len(refitted.terms)
     return told, refitted
 

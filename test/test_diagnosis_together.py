@@ -57,7 +57,7 @@ def test_a_payload_hangs_from_a_tilted_base() -> None:
     assert named["base_tilt"].parameters["pitch_deg"].value == pytest.approx(5.0, abs=0.4)
     equations, model = found.equations, extend(found)
     signals = equations.motion.signals
-    left = equations.reduced(signals.effort - model.predict(signals))
+    left = equations.as_rows(signals.effort - model.predict(signals))
     fitted = found.pool.residual(found.fit, blur=False)
     usable = equations.usable
 

@@ -123,7 +123,7 @@ def test_columns_are_as_large_as_the_effect_behind_the_low_pass_of_a_diagnosis(s
     best = []
     for one_shape in tried:
         columns = one.effect.columns(equations.motion, one.target, one_shape, one.link)
-        column = equations.reduced(columns @ true[:, None])[:, one.target, 0]
+        column = equations.as_rows(columns @ true[:, None])[:, one.target, 0]
         tall = np.stack([column, lead], axis=1)[rows]
         found = np.linalg.lstsq(tall, target, rcond=None)[0]
         best.append((float(np.sum((target - tall @ found) ** 2)), float(found[0])))
@@ -169,7 +169,7 @@ def test_a_drag_and_a_short_delay_do_not_stand_for_a_long_one():
     delay, drag = Term(get("effort_delay"), 0).shaped({"at": 0.012}), Term(get("quadratic_drag"), 0)
     false_drag = 3.0 * equations.motion.signals.velocity * np.abs(equations.motion.signals.velocity)
     load = equations.motion.load + false_drag * [1.0, 0.0]
-    equations.relieve(load, equations.drive)
+    equations.update_load(load, equations.drive)
     trapped = Pool(equations, noise, [drag, delay], 0.02)
     stays = candidates.refined(equations, trapped, trapped.whole, 1)
     assert dict(stays.shape)["at"] != pytest.approx(0.042, abs=0.003), "the trap is not there"

@@ -51,7 +51,7 @@ def test_a_regression_finds_the_parameters_that_mujoco_was_given(name):
         terms.append(Term(get(effect_of_wear), j))
         known.append(np.array([amount]))
     equations = build(flattened(prepare(recording), LOW), ROBOT)
-    equations.count(equations.usable & ~equations.dwelling)  # as parameters are estimated
+    equations.use_rows(equations.usable & ~equations.dwelling)  # as parameters are estimated
     noise = Noise(np.zeros((2, 3)), 1e-3 * equations.effort_scale)
     pool = settled(Candidates.of(ROBOT), equations, Pool(equations, noise, terms, 1e-4))
     columns = [equations.columns(term) for term in terms]

@@ -15,7 +15,7 @@ from rosbags.rosbag2 import StoragePlugin
 from bdnn_ros import bags
 from bdnn_ros.cli.main import main
 from bdnn_ros.diagnosis.diagnose import examine
-from bdnn_ros.diagnosis.recorded.lateness import Lateness, in_time
+from bdnn_ros.diagnosis.recorded.lateness import Lateness, without_lateness
 from bdnn_ros.effects.registry import parse_spec
 from bdnn_ros.errors import ModelFileError
 from bdnn_ros.extension.extend import extend
@@ -168,7 +168,7 @@ def test_a_model_of_efforts_that_had_passed_a_low_pass_knows_its_recording_as_it
     recording = moved(PUSH)
     uneven = np.random.default_rng(0).uniform(-1.0, 1.0, len(recording)) * 2e-3
     read = replace(recording, time=recording.time + uneven)
-    model = model_of(PUSH, recordings=tuple(in_time([read], Lateness(lag=0.03))[0]))
+    model = model_of(PUSH, recordings=tuple(without_lateness([read], Lateness(lag=0.03))[0]))
     there, left_out = model.along(read)
     assert len(there.effects) == 1 and not left_out
     assert model.along(moved(seed=3))[0].effects == ()

@@ -11,7 +11,7 @@ import pytest
 from bdnn_ros.diagnosis.diagnose import Examination, examine
 from bdnn_ros.diagnosis.regression.building import build
 from bdnn_ros.diagnosis.regression.term import Term
-from bdnn_ros.diagnosis.regression.unsure import DOUBTED, Unsure
+from bdnn_ros.diagnosis.regression.unsure import ERROR_FACTOR, Unsure
 from bdnn_ros.effects.registry import get, parse_spec
 from bdnn_ros.errors import ModelFileError
 from bdnn_ros.extension.extend import extend
@@ -67,7 +67,7 @@ def test_a_model_knows_of_the_commonest_effects_how_well_they_are_known(model):
     } < own.keys()
     for name, joint, true in (("coulomb_friction", 1, 0.3), ("coulomb_friction", 0, 0.6)):
         (told,) = (e.values["coulomb"] for e in model.effects if (e.effect.name, e.target) == (name, joint))
-        assert abs(told - true) < 2.0 * DOUBTED * float(stds[own[name, joint]][0])
+        assert abs(told - true) < 2.0 * ERROR_FACTOR * float(stds[own[name, joint]][0])
     assert stds[own["viscous_friction", 0]] > 0.03  # 0.06 is there
 
 
@@ -117,7 +117,7 @@ KNOWN = Unsure((VISCOUS, COULOMB), np.array([[0.04, 0.01], [0.01, 0.09]]))
 def test_errors_of_effects_are_those_of_their_coefficients():
     signals = flattened(prepare(rubbing(12.0, 0.5)), 5.0)
     equations, plain = (build(signals, ARM, unsure=each) for each in (KNOWN, None))
-    np.testing.assert_allclose(KNOWN.errors @ KNOWN.errors.T, DOUBTED**2 * KNOWN.covariance, atol=1e-12)
+    np.testing.assert_allclose(KNOWN.errors @ KNOWN.errors.T, ERROR_FACTOR**2 * KNOWN.covariance, atol=1e-12)
     units = np.array([0.3, -0.7])
     more = KNOWN.moved(np.concatenate([np.zeros(equations.rigid.shape[2] - 2), units]))
     wanted = sum(equations.columns(term) @ c for term, c in zip(KNOWN.terms, more, strict=True))

@@ -11,14 +11,14 @@ from bdnn_ros.bdnn.rest import RestNetwork
 from bdnn_ros.checks.conventions import breaches, unlike
 from bdnn_ros.checks.description import require_mass
 from bdnn_ros.diagnosis.judging.attempt import EVERY_TEST_BLOCK, Looks, best_attempt, completed
-from bdnn_ros.diagnosis.judging.harmless import harmless
-from bdnn_ros.diagnosis.judging.plainly import plainly
 from bdnn_ros.diagnosis.judging.posterior import Estimate
+from bdnn_ros.diagnosis.judging.simplified import simplified
+from bdnn_ros.diagnosis.judging.without_harm import without_harm
 from bdnn_ros.diagnosis.recorded.compared import Compared
 from bdnn_ros.diagnosis.recorded.creep import creeping, remarked, undisturbed
 from bdnn_ros.diagnosis.recorded.excerpts import ENOUGH, excerpts, refuse_short, too_short
 from bdnn_ros.diagnosis.recorded.joining import concatenated, prepared_alike
-from bdnn_ros.diagnosis.recorded.lateness import Lateness, in_time, lateness
+from bdnn_ros.diagnosis.recorded.lateness import Lateness, lateness, without_lateness
 from bdnn_ros.diagnosis.recorded.lowpass import CUTOFF_OF_USUAL, quiet_cutoff, slow_cutoff, stepping
 from bdnn_ros.diagnosis.recorded.softness import noted, softened, softness
 from bdnn_ros.diagnosis.regression.building import build
@@ -27,10 +27,10 @@ from bdnn_ros.diagnosis.regression.evidence import Pool
 from bdnn_ros.diagnosis.regression.fit import Fit
 from bdnn_ros.diagnosis.result import Diagnosis
 from bdnn_ros.diagnosis.search.candidates import Candidates
-from bdnn_ros.diagnosis.search.search import DOUBTS, LINK_ERRORS, Progress
+from bdnn_ros.diagnosis.search.search import IDENTIFIED_LINK_ERRORS, LINK_ERRORS, Progress
 from bdnn_ros.diagnosis.telling.case import Case
 from bdnn_ros.diagnosis.telling.rest import with_rest
-from bdnn_ros.diagnosis.telling.telling import told
+from bdnn_ros.diagnosis.telling.telling import diagnosis_of
 from bdnn_ros.diagnosis.telling.unexplained import Remainder, describe
 from bdnn_ros.errors import ConventionError, RecordingError
 from bdnn_ros.recording import Recording
@@ -123,13 +123,14 @@ def examine(
     signals, attempt = equations.motion.signals, best_attempt(looks)
     if not equations.usable[attempt.test].any():
         raise _too_short(recordings, cutoff, signals.cutoff)
-    attempt, pool, found = plainly(looks.candidates, equations, attempt)
-    attempt, pool, found = harmless(equations, completed(equations, attempt), pool, found)
-    equations.count(pool.sure)
-    remainder = describe(equations, pool.left(), stepping(recordings, robot, signals.cutoff), known.dry)
+    attempt, pool, found = simplified(looks.candidates, equations, attempt)
+    attempt, pool, found = without_harm(equations, completed(equations, attempt), pool, found)
+    equations.use_rows(pool.sure)
+    left = pool.residual_of_all()
+    remainder = describe(equations, left, stepping(recordings, robot, signals.cutoff), known.dry)
     recordings = remarked(recordings, signals, robot, [*known.held, *pool.terms])
-    case = Case(recordings, robot, equations, attempt, found, remainder, known.since)
-    diagnosis, networks = with_rest(told(case, cutoff), case, pool.left())
+    case = Case(recordings, robot, equations, attempt, found, remainder, known.earlier)
+    diagnosis, networks = with_rest(diagnosis_of(case, cutoff), case, left)
     return Examination(
         diagnosis,
         tuple(recordings),
@@ -180,7 +181,7 @@ def _measured(recordings: Sequence[Recording], known: Compared, cutoff: float | 
         raise ConventionError(breach.problem, breach.remedy)
     late = lateness(signals, robot) if model is None else Lateness()
     if late.total:
-        recordings, late = in_time(recordings, late)
+        recordings, late = without_lateness(recordings, late)
         signals = _signals(recordings, robot, cutoff)
     signals, notes = known.shown(signals)
     if notes:
@@ -235,7 +236,7 @@ def _looks(
     values = 2.0 * signals.cutoff * equations.moving.max()
     if equations.blocks < EVERY_TEST_BLOCK or values < FEWEST_VALUES:
         raise _too_short(measured.recordings, cutoff, signals.cutoff)
-    errors = LINK_ERRORS if known.left_open is None else DOUBTS
+    errors = LINK_ERRORS if known.left_open is None else IDENTIFIED_LINK_ERRORS
     candidates = Candidates.shown_by(equations, None if known.model is None else known.held)
     return Looks(equations, candidates, errors, say)
 

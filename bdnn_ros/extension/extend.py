@@ -12,9 +12,9 @@ from bdnn_ros.diagnosis.judging.posterior import Estimate
 from bdnn_ros.diagnosis.recorded.compared import offsets_of
 from bdnn_ros.diagnosis.recorded.velocity_filter import none_is_left
 from bdnn_ros.diagnosis.regression.equations import Equations
-from bdnn_ros.diagnosis.regression.learned import CONTRACT, STRAIGHT
+from bdnn_ros.diagnosis.regression.learned import CONTRACT_SIGNS, STRAIGHT
 from bdnn_ros.diagnosis.regression.term import COMMON
-from bdnn_ros.diagnosis.search.leads import parted
+from bdnn_ros.diagnosis.search.leads import lead_and_delays
 from bdnn_ros.effects.registry import Installed, get
 from bdnn_ros.effects.rigid import POINT, Payload
 from bdnn_ros.errors import UsageError
@@ -68,7 +68,7 @@ def extend(examination: Examination) -> ExtendedModel:
     effects = [one for one in both if one[0] not in gone]
     scale = plant_of(robot, [effect for effect, _ in sensors]).scale
     late = examination.late
-    lead = earlier.lead + parted(examination.pool, fit)[0] - late.delay
+    lead = earlier.lead + lead_and_delays(examination.pool, fit)[0] - late.delay
     sticking = _sticking(examination, corrected, found)
     creep = equations.motion.signals.creep
     if earlier.sticking:
@@ -220,7 +220,7 @@ def _joints_moved(
         given = equations.learned.handed_back(equations, learned)
         friction = np.array([robot.viscous, robot.coulomb]) + moved[1:-1]
         given[:-1] = np.maximum(given[:-1], -friction)
-        learned = replace(learned, straight=learned.straight + given.T * CONTRACT)
+        learned = replace(learned, straight=learned.straight + given.T * CONTRACT_SIGNS)
     moved[1:] += given
     kinds = ("armature", "viscous", "coulomb")
     joints = {kind: np.maximum(getattr(robot, kind) + e, 0.0) for kind, e in zip(kinds, moved, strict=False)}

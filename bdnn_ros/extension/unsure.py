@@ -11,7 +11,7 @@ from bdnn_ros.diagnosis.diagnose import Examination
 from bdnn_ros.diagnosis.regression.evidence import Pool
 from bdnn_ros.diagnosis.regression.fit import Fit
 from bdnn_ros.diagnosis.regression.term import COMMON, Term
-from bdnn_ros.diagnosis.regression.unsure import DOUBTED, Unsure, slots_of
+from bdnn_ros.diagnosis.regression.unsure import ERROR_FACTOR, Unsure, slots_of
 from bdnn_ros.diagnosis.search.candidates import acting_per_measured
 from bdnn_ros.effects.friction import SLIDING
 from bdnn_ros.effects.registry import Installed, get
@@ -43,7 +43,7 @@ def unsure_of(examination: Examination) -> Unsure:
         every = copy(every)
         last = np.arange(equations.rigid.shape[2])[equations.unsure.last]
         every.precision = every.precision.copy()
-        every.precision[last] *= DOUBTED**2
+        every.precision[last] *= ERROR_FACTOR**2
     whole = every.whole
     terms = _known(examination, [*told, *missing])
     by_all, by_told = _by(every, whole, terms), _by(pool, fit, terms)
@@ -56,7 +56,7 @@ def unsure_of(examination: Examination) -> Unsure:
             [[one.target] * (s.stop - s.start) for one, s in zip(terms, slots_of(terms), strict=True)]
         )
         # that it is off by as much as it is large is no underestimate
-        covariance += np.where(joints[:, None] == joints, np.outer(other, other), 0.0) / DOUBTED**2
+        covariance += np.where(joints[:, None] == joints, np.outer(other, other), 0.0) / ERROR_FACTOR**2
     return Unsure(tuple(terms), covariance)
 
 

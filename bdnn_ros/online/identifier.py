@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from bdnn_ros.diagnosis.recorded.lateness import in_time
+from bdnn_ros.diagnosis.recorded.lateness import without_lateness
 from bdnn_ros.errors import UpdateRejected, UsageError
 from bdnn_ros.online.chunks import Chunks
 from bdnn_ros.online.recorded import as_recorded, stretches, usual_lateness
@@ -140,7 +140,7 @@ class Identifier:
                 )
             recording.require_effort()
         late = usual_lateness(recordings, self.robot, self.stream.asked)
-        recordings, late = in_time(recordings, late)
+        recordings, late = without_lateness(recordings, late)
         total = sum(recording.duration for recording in recordings) or 1.0
         done = 0.0
         self._settle_at = NEVER  # once is enough, at the end

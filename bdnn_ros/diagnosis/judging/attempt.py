@@ -108,11 +108,11 @@ class Looks:
 
     def _looked(self, test: np.ndarray) -> Look:
         equations = self.equations
-        equations.take(self._motion)
+        equations.use_motion(self._motion)
         search = Search(equations, self.candidates, self.say, self._link_errors)
-        equations.count(self.whole & ~test[:, None])
+        equations.use_rows(self.whole & ~test[:, None])
         found = search.first()
-        sure = self.whole & found.pool.noise.sure(equations.doubt)
+        sure = self.whole & found.pool.noise.sure(equations.sticking_doubt)
         left = found.pool.residual(found.fit, blur=False)
         return Look(test, search, found, equations.motion, surprise(left, sure, test, equations.effort_scale))
 
@@ -132,14 +132,14 @@ def best_attempt(looks: Looks) -> Attempt:
         if made:
             say("what was held out is not like the rest: again with other blocks")
         look = looks.at(phase)
-        equations.take(look.motion)
+        equations.use_motion(look.motion)
         attempt = attempted(look.search, look.found, looks.whole, look.test)
         surprising = surprise(attempt.extended, attempt.fitted.sure, look.test, equations.effort_scale)
         made.append((surprising, attempt, equations.motion))
         if surprising <= SURPRISING:
             break
     _, attempt, motion = min(made, key=lambda one: one[0])
-    equations.take(motion)
+    equations.use_motion(motion)
     return attempt
 
 
@@ -152,22 +152,22 @@ def attempted(search: Search, first: Selection, whole: np.ndarray, test: np.ndar
         first: result of the first look.
     """
     equations = search.equations
-    equations.count(whole & ~test[:, None])
+    equations.use_rows(whole & ~test[:, None])
     found = search.run(first)
     search.progress("weighing rivals")
-    equations.count(whole)
+    equations.use_rows(whole)
     noise, link_error = found.pool.noise, found.pool.link_error
     terms = windows_anew(search.candidates, equations, Pool(equations, noise, found.terms, link_error)).terms
     selection, judgements = _reconsidered(search, found, terms)
     if any(judgement.changing for judgement in judgements):
         # error is that of the one push reported, not of all that stood for it
         terms, noise = selection.terms, selection.pool.noise
-    equations.count(whole & ~test[:, None])
+    equations.use_rows(whole & ~test[:, None])
     alone = settled(search.candidates, equations, Pool(equations, noise, terms, link_error))
-    extended, fitted = alone.left(), alone
+    extended, fitted = alone.residual_of_all(), alone
     if selection.terms != terms:
         fitted = settled(search.candidates, equations, Pool(equations, noise, selection.terms, link_error))
-    equations.count(whole)
+    equations.use_rows(whole)
     return Attempt(test, judgements, fitted, extended)
 
 
@@ -186,9 +186,9 @@ def completed(equations: Equations, attempt: Attempt) -> Attempt:
             test[when[half : len(when) - half]] = True
     if (test == attempt.test).all():
         return attempt
-    equations.count(counted & ~test[:, None])
-    left = Pool(equations, fitted.noise, fitted.terms, fitted.link_error).left()
-    equations.count(counted)
+    equations.use_rows(counted & ~test[:, None])
+    left = Pool(equations, fitted.noise, fitted.terms, fitted.link_error).residual_of_all()
+    equations.use_rows(counted)
     among = (test & ~attempt.test)[:, None]
     return replace(attempt, test=test, extended=np.where(among, left, attempt.extended))
 

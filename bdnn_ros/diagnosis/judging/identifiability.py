@@ -10,12 +10,12 @@ import numpy as np
 from bdnn_ros.aside import in_two
 from bdnn_ros.diagnosis.judging.lookalikes import Placed
 from bdnn_ros.diagnosis.judging.scaled import scaled
-from bdnn_ros.diagnosis.pushes.pushes import reshaped, toss
+from bdnn_ros.diagnosis.pushes.pushes import reshaped, tie_margin
 from bdnn_ros.diagnosis.regression.evidence import Pool
 from bdnn_ros.diagnosis.regression.fit import Fit
 from bdnn_ros.diagnosis.regression.gains import MINIMUM_SHARE, acting
 from bdnn_ros.diagnosis.regression.noise import rms
-from bdnn_ros.diagnosis.regression.odds import contains, doubt, near
+from bdnn_ros.diagnosis.regression.odds import contains, link_error_cost, rival_joint
 from bdnn_ros.diagnosis.regression.term import Shape, Term, new_shapes, of_shapes
 from bdnn_ros.diagnosis.search.candidates import Candidates
 from bdnn_ros.diagnosis.search.search import Search, Selection
@@ -77,14 +77,14 @@ def judge(search: Search, selection: Selection) -> list[Judgement]:
     """Judge every chosen term against its rivals, in the order of `selection.chosen`."""
     pool, chosen = selection.pool, selection.chosen
     pushes = [one for one in chosen if pool.terms[one].effect.timed]  # one takes as long as all other terms
-    odds = {one: _odds(search, selection, one) for one in pushes}
+    odds = {one: _best_scores(search, selection, one) for one in pushes}
     others = [one for one in chosen if one not in odds]
-    odds |= zip(others, in_two(lambda one: _odds(search, selection, one), others), strict=True)
+    odds |= zip(others, in_two(lambda one: _best_scores(search, selection, one), others), strict=True)
 
     def judgement(one: int) -> Judgement:
         own, nothing, scores, moved = odds[one]
         term, terms = pool.terms[one], dict(enumerate(pool.terms)) | of_shapes(pool.terms, moved)
-        return judged(terms, term, own, nothing, scores, toss(term, own - nothing))
+        return judged(terms, term, own, nothing, scores, tie_margin(term, own - nothing))
 
     return [judgement(one) for one in chosen]
 
@@ -102,8 +102,8 @@ def likelier(search: Search, selection: Selection, judgements: Sequence[Judgemen
         for rival, probability in judgement.rivals:
             richer = contains(rival, term)
             ahead = not richer and probability > judgement.nothing
-            toss = term.effect.timed or _settles_into(rival, term)
-            ahead &= probability > judgement.probability * (PLAINLY if toss else 1.0)
+            tied = term.effect.timed or _settles_into(rival, term)
+            ahead &= probability > judgement.probability * (PLAINLY if tied else 1.0)
             simpler = contains(term, rival) or _settles_into(term, rival)
             simpler &= judgement.probability < PLAINLY * probability
             plainly = richer and probability > PLAINLY * judgement.probability
@@ -212,7 +212,7 @@ def _beyond(pool: Pool, fit: Fit, one: int, part: int) -> float:
     return anywhere if anywhere >= MINIMUM_SHARE else share(equations.exact[:, joint])
 
 
-def _odds(search: Search, selection: Selection, one: int) -> Weighed:
+def _best_scores(search: Search, selection: Selection, one: int) -> Weighed:
     """Scores with a term, without it and with each rival in its place, and new shapes of rivals.
 
     Each is the best over two link errors: what one link's error explains, larger errors of all links may explain as well.
@@ -223,7 +223,7 @@ def _odds(search: Search, selection: Selection, one: int) -> Weighed:
         rest = [c for c in selection.chosen if c != one]
         fair = reshaped(fair, rest, search.candidates.robot).replacing({one: term})
     for pool in search.beliefs_of(fair):
-        weighed = _weighed(search, pool, selection.chosen, one)
+        weighed = _scores(search, pool, selection.chosen, one)
         own, nothing = max(own, weighed[0]), max(nothing, weighed[1])
         for rival, score in weighed[2].items():
             scores[rival] = max(scores.get(rival, -np.inf), score)
@@ -252,7 +252,7 @@ def _listed(term: Term, rivals: Sequence[tuple[Term, float]]) -> tuple[tuple[Ter
     return tuple(sorted(listed[:MOST_LISTED], key=lambda pair: -pair[1]))
 
 
-def _weighed(
+def _scores(
     search: Search, pool: Pool, chosen: Sequence[int], one: int
 ) -> tuple[float, float, dict[int, float]]:
     """Scores with a term, without it, and with each rival in its place.
@@ -264,9 +264,9 @@ def _weighed(
     own, fit_both = search.score(pool, both), pool.fit(both)
     scores: dict[int, float] = {}
     for base in _bases(pool, term, rest):
-        fit = pool.fit(base)
-        start = search.score(pool, base)
-        rivals = [c for c in search.open_to(pool, base, near(term), term) if pool.terms[c].spot != term.spot]
+        fit, start = pool.fit(base), search.score(pool, base)
+        possible = search.open_to(pool, base, rival_joint(term), term)
+        rivals = [c for c in possible if pool.terms[c].spot != term.spot]
         instead = pool.gains(fit, rivals) - search.costs(pool, base, rivals)
         beside = pool.gains(fit_both, rivals) - search.costs(pool, both, rivals)
         for c, gain, more in zip(rivals, instead, beside, strict=True):
@@ -285,7 +285,7 @@ def _weighed(
             scores[c] = own + float(cost - other) - behind
     for c in [c for c in scores if _turn_alike(search.candidates, term, pool.terms[c])]:
         scores[c] = max(scores[c], own)
-    cost = doubt(pool)
+    cost = link_error_cost(pool)
     return own - cost, search.score(pool, rest) - cost, {c: score - cost for c, score in scores.items()}
 
 
@@ -297,7 +297,7 @@ def _hang(term: Term, rival: Term) -> bool:
 def _turn_alike(candidates: Candidates, term: Term, rival: Term) -> bool:
     """Whether they are a rotor and the inertia of its link that only spins, which an earlier model had to split blindly."""
     one_inertia = {term.effect.name, rival.effect.name} == {"link_inertia", "armature"}
-    turn = one_inertia and term.target == rival.target and candidates.since is not None
+    turn = one_inertia and term.target == rival.target and candidates.earlier_effects is not None
     return turn and spins(candidates.robot, term.target)
 
 

@@ -17,7 +17,7 @@ from bdnn_ros.diagnosis.regression.odds import COST
 from bdnn_ros.diagnosis.regression.term import COMMON, Term
 from bdnn_ros.diagnosis.result import Quantity
 from bdnn_ros.diagnosis.search.candidates import acting_per_measured
-from bdnn_ros.diagnosis.search.leads import parted
+from bdnn_ros.diagnosis.search.leads import lead_and_delays
 from bdnn_ros.effects.base import SHOWN
 from bdnn_ros.effects.environment import EDGES, POINT
 
@@ -32,7 +32,7 @@ PAID = math.sqrt(2.0 * COST)
 """The same for kinds neither common nor of bodies: half its square is the prior cost, to be paid in these rows, too."""
 MORE = 0.01
 """Least excess of a law over the one it settles into, relative to its coefficients; with less it is that one."""
-DOUBTED = 2.0
+LINK_SPREAD_FACTOR = 2.0
 """Factor on the links' prior spread under which a body's mass must still be significant."""
 
 
@@ -47,7 +47,7 @@ class Estimate:
             motion. For other terms the same as `covariance`.
         acting: effort that acts per coefficient; see `acting_per_measured`.
         mirrored: variance of each coefficient by its mirror image, (k,), see `widening.mirrored`; None for none.
-        most: the largest effort measured at its joint [N·m].
+        largest_effort: the largest effort measured at its joint [N·m].
     """
 
     term: Term
@@ -57,7 +57,7 @@ class Estimate:
     doubting: np.ndarray
     acting: float = 1.0
     mirrored: np.ndarray | None = None
-    most: float = math.inf
+    largest_effort: float = math.inf
 
     @property
     def values(self) -> dict[str, float]:
@@ -74,7 +74,7 @@ class Estimate:
         """Whether it is known well enough for a name: that it exists, and its parameters."""
         stds = zip(self.term.effect.parameters, self._stds(self.covariance, self.robust), strict=True)
         known = {p.name: float(std) for p, std in stds}
-        return self.there and self.term.effect.shown(self.values, known, self.acting * self.most)
+        return self.there and self.term.effect.shown(self.values, known, self.acting * self.largest_effort)
 
     @property
     def more(self) -> bool:
@@ -163,9 +163,9 @@ def estimates(pool: Pool, fit: Fit) -> list[Estimate]:
     gram = tall.T @ tall
     covariance = np.linalg.inv(gram + np.diag(precision))
     robust = _clustered(pool, fit, white, covariance)
-    precision[: pool.base] = pool.believing(DOUBTED * pool.link_error).precision[: pool.base]
+    precision[: pool.base] = pool.with_link_error(LINK_SPREAD_FACTOR * pool.link_error).precision[: pool.base]
     doubting = np.linalg.inv(gram + np.diag(precision))
-    _, moved = parted(pool, fit)
+    _, moved = lead_and_delays(pool, fit)
     result, start = [], pool.base
     for chosen, span in zip(fit.terms, spans, strict=True):
         term, coefficients = pool.terms[chosen], pool.coefficients(fit, chosen)
@@ -285,4 +285,4 @@ def _tangent(pool: Pool, term: Term, coefficients: np.ndarray, name: str) -> np.
         return term.effect.columns(motion, term.target, moved, term.link) @ coefficients
 
     change = (effort(1.0) - effort(-1.0)) / (2.0 * step)
-    return pool.equations.reduced(change, borne=not term.effect.at_sensor)
+    return pool.equations.as_rows(change, borne=not term.effect.at_sensor)

@@ -69,13 +69,13 @@ def _at_quiet_noise(search: Search, selection: Selection) -> Selection | None:
     """The selection at the noise of times without a push; None where too few of them show it at each joint."""
     equations, pool = search.equations, selection.pool
     counted, time = equations.usable, equations.motion.time[equations.rows]
-    equations.count(counted & ~pushing([_longer(term) for term in selection.terms], time)[:, None])
+    equations.use_rows(counted & ~pushing([_longer(term) for term in selection.terms], time)[:, None])
     told = bool((~counted.any(axis=0) | (equations.full().sum(axis=0) >= LEAST_ROWS)).all())
     if told:
         others = [term for term in selection.terms if not term.effect.timed]
         calm = Pool(equations, pool.noise, others, pool.link_error)
         noise = noise_of(equations, calm.residual(calm.whole), search.floor)
-    equations.count(counted)
+    equations.use_rows(counted)
     if not told:
         return None
     pool = Pool(equations, noise, pool.terms, pool.link_error)

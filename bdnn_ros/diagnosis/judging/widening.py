@@ -58,10 +58,10 @@ def mirrored(pool: Pool, fit: Fit, term: Term, coefficients: np.ndarray) -> np.n
     if term.effect.on != "base":
         return None
     equations, left, result = pool.equations, pool.white_residual(fit), np.zeros(len(coefficients))
-    as_found = equations.made(term) @ coefficients
+    as_found = equations.fresh_columns(term) @ coefficients
     for one, angle in enumerate(coefficients):
         turned = np.where(np.arange(len(coefficients)) == one, -coefficients, coefficients)
         other = term.shaped(term.effect.relinearised(turned, dict(term.shape)))
-        moved = left + equations.whiten(as_found - equations.made(other) @ turned, pool.noise)
+        moved = left + equations.whiten(as_found - equations.fresh_columns(other) @ turned, pool.noise)
         result[one] = (2.0 * angle) ** 2 * expit(0.5 * float(np.sum(left**2) - np.sum(moved**2)))
     return result

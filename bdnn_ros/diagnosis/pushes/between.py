@@ -18,7 +18,7 @@ STEPS = 5
 """Most Gauss-Newton steps."""
 AT_POINT = 2e-4
 """Step of the point that ends the refinement [m]."""
-NEAR = 0.1
+LARGEST_TIME_STEP = 0.1
 """Largest step of the times [s]."""
 EXACT = 1e-3
 """Step of the times that ends the refinement [s]."""
@@ -89,5 +89,5 @@ class _Here:
             arms = equations.pushed(self.term, self.acting, self.effect.displaced(self.coefficients[:3]))
             columns, own, names = [*columns, arms], own[..., :3], [*EDGES, *POINT]
         found = pool.gain_of(fit, self.term, np.concatenate([*columns, own], axis=2))[1]
-        found[: len(EDGES)] = np.clip(found[: len(EDGES)], -NEAR, NEAR)
+        found[: len(EDGES)] = np.clip(found[: len(EDGES)], -LARGEST_TIME_STEP, LARGEST_TIME_STEP)
         return dict(zip(names, found.tolist(), strict=False))

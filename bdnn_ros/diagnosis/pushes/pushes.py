@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from bdnn_ros.aside import in_two
-from bdnn_ros.diagnosis.pushes.between import NEAR, between_rows, unbound
+from bdnn_ros.diagnosis.pushes.between import between_rows, unbound
 from bdnn_ros.diagnosis.pushes.contact import contact, distance
 from bdnn_ros.diagnosis.pushes.windows import LONGEST_SHARE, best_window
 from bdnn_ros.diagnosis.recorded.joining import stretches
@@ -21,6 +21,8 @@ from bdnn_ros.robot import Robot
 
 LONG = 3.0
 """Usable rows this many times further apart than usual have unusable ones between them."""
+EDGE_REACH = 0.1
+"""A push's time so near to a stretch without usable rows may lie anywhere in it [s]."""
 TOUCHING = 0.3
 """Pushes separated by less than this may be one [s]."""
 WORTH = 6.0
@@ -53,7 +55,7 @@ def best_push(pool: Pool, fit: Fit, term: Term, robot: Robot) -> tuple[float, Te
         return gain, best
     touched = best_window(pool, fit, touched)
     more = pool.gain_of(fit, touched)[0]
-    return (more, touched) if more > gain + max(WORTH, toss(best, gain)) else (gain, best)
+    return (more, touched) if more > gain + max(WORTH, tie_margin(best, gain)) else (gain, best)
 
 
 def refined_push(pool: Pool, fit: Fit, term: Term, robot: Robot) -> Term:
@@ -99,7 +101,7 @@ def _gain(found: tuple[float, Term | Shape]) -> float:
     return found[0]
 
 
-def toss(term: Term, worth: float) -> float:
+def tie_margin(term: Term, worth: float) -> float:
     """Evidence of a push that does not tell its place, since no real push is exactly a constant wrench [nats]."""
     return term.effect.idealised**2 * max(worth, 0.0) if term.effect.timed else 0.0
 
@@ -114,7 +116,7 @@ def nearest(pool: Pool, scores: dict[int, float], without: float, robot: Robot) 
         without: score without any push.
     """
     best = max(scores, key=lambda c: scores[c])
-    close = scores[best] - toss(pool.terms[best], scores[best] - without)
+    close = scores[best] - tie_margin(pool.terms[best], scores[best] - without)
     same = [c for c in scores if pool.terms[c].effect is pool.terms[best].effect and scores[c] >= close]
     return min(same, key=lambda c: (distance(pool.terms[c], robot), -scores[c]))
 
@@ -263,6 +265,6 @@ def unseen(pool: Pool, term: Term) -> dict[str, float]:
     ends = np.stack([counts[:-1], counts[1:]], axis=1)[long]
     result = {}
     for edge, at in zip(EDGES, edges(term), strict=True):
-        about = (ends[:, 0] - NEAR <= at) & (at <= ends[:, 1] + NEAR)
+        about = (ends[:, 0] - EDGE_REACH <= at) & (at <= ends[:, 1] + EDGE_REACH)
         result[edge] = float(gaps[long][about].sum())
     return result

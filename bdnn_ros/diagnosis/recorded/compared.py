@@ -110,7 +110,7 @@ class Compared:
         return replace(known, velocity_cutoff=model.velocity_cutoff)
 
     @property
-    def since(self) -> Compared | None:
+    def earlier(self) -> Compared | None:
         """Itself if a model takes the simulation's place, else None."""
         return None if self.model is None else self
 

@@ -19,7 +19,7 @@ from scipy.sparse import csr_array
 from bdnn_ros.aside import in_two
 from bdnn_ros.checks.sampling import lowest, some, telling
 from bdnn_ros.diagnosis.recorded.bodies import of_bodies
-from bdnn_ros.diagnosis.recorded.leftover import basis, beyond
+from bdnn_ros.diagnosis.recorded.residuals import basis, projected_out
 from bdnn_ros.diagnosis.regression.term import Term
 from bdnn_ros.effects.bristles import bristles
 from bdnn_ros.effects.drift import DriftingCoulomb
@@ -151,7 +151,7 @@ class _Joint:
         v, effort = signals.velocity[:, joint], signals.effort[:, joint]
         own = [signals.acceleration[:, joint], v, np.abs(v) * v, np.ones_like(v), signals.derivative(effort)]
         spanned = basis(np.concatenate([bodies, smoothing @ np.stack(own, axis=1)], axis=1))
-        return cls(signals, softening, joint, load, spanned, beyond(smoothing @ effort, spanned))
+        return cls(signals, softening, joint, load, spanned, projected_out(smoothing @ effort, spanned))
 
     def creep(self) -> Creep:
         """How its dry friction comes on."""
@@ -250,7 +250,7 @@ class _Joint:
             in_time: without a lead.
         """
         own = self._own(self._of(ways)[: 3 if in_time else 4])
-        left = [beyond(self.target, basis(own[..., i])) for i in range(ways.shape[1])]
+        left = [projected_out(self.target, basis(own[..., i])) for i in range(ways.shape[1])]
         return np.log(np.maximum(np.mean(np.square(left), axis=1), TINY))
 
     def _left_falling(self, velocity: float) -> float:
@@ -260,7 +260,7 @@ class _Joint:
         own = self._own([*self._of(way), way * np.exp(-((v / max(velocity, TINY)) ** 2))])[..., 0]
         size = _fitted(own, self.target)
         falls = size[-1] * (size[0] + size[1]) > 0.0
-        left = self.target - own @ size if falls else beyond(self.target, basis(own[:, :-1]))
+        left = self.target - own @ size if falls else projected_out(self.target, basis(own[:, :-1]))
         return float(np.log(max(float(np.mean(left**2)), TINY)))
 
     def _of(self, ways: np.ndarray) -> list[np.ndarray]:
@@ -271,7 +271,7 @@ class _Joint:
     def _own(self, columns: Sequence[np.ndarray]) -> np.ndarray:
         """k columns (N, m) behind both low-passes, other causes projected out, (R, k, m)."""
         soft = self.softening(np.concatenate(columns, axis=1))
-        return beyond(soft, self.spanned).reshape(len(soft), len(columns), -1)
+        return projected_out(soft, self.spanned).reshape(len(soft), len(columns), -1)
 
     def _ways(self, creeps: Sequence[Creep]) -> np.ndarray:
         """Directions of friction for some onsets, (N, m)."""

@@ -13,7 +13,7 @@ import numpy as np
 
 from bdnn_ros.checks.alternatives import explained
 from bdnn_ros.checks.sampling import lowest, some, telling
-from bdnn_ros.diagnosis.recorded.leftover import basis, beyond, regret
+from bdnn_ros.diagnosis.recorded.residuals import basis, projected_out, regret
 from bdnn_ros.effects.bristles import bristles
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
@@ -81,7 +81,7 @@ def lateness(signals: Signals, robot: Robot) -> Lateness:
         return 1.0 - explained(effort[:, speaks], *columns)
 
     delayed = np.array([left(efforts.earlier(rows, k)) for k in range(efforts.most)])
-    lagging = np.array([left(efforts.quicker(rows, lag)) for lag in LAGS])
+    lagging = np.array([left(efforts.without_lag(rows, lag)) for lag in LAGS])
     if delayed[0] <= BETTER * min(delayed.min(), lagging.min()):
         return Lateness()
     samples, lag = int(np.argmin(delayed)), LAGS[int(np.argmin(lagging))]
@@ -112,7 +112,7 @@ class _Efforts:
         """Efforts stamped so many samples earlier, (R, n)."""
         return np.asarray(self._effort[rows + samples])
 
-    def quicker(self, rows: np.ndarray, lag: float) -> np.ndarray:
+    def without_lag(self, rows: np.ndarray, lag: float) -> np.ndarray:
         """Efforts with a first-order low-pass of a time constant [s] undone, (R, n)."""
         return np.asarray(self._effort[rows] + lag * self._change[rows])
 
@@ -154,12 +154,14 @@ def _refined(
     bases = [basis(columns[:, joint]) for joint in speaking]
 
     def left(effort: np.ndarray) -> np.ndarray:
-        rest = [beyond(effort[:, joint], spanned) for joint, spanned in zip(speaking, bases, strict=True)]
+        rest = [
+            projected_out(effort[:, joint], spanned) for joint, spanned in zip(speaking, bases, strict=True)
+        ]
         return np.log(np.maximum(np.mean(np.square(rest), axis=1), TINY))
 
     delays = [k for k in (samples + step for step in NEARBY) if 0 <= k < efforts.most]
     tried = [left(efforts.earlier(rows, k)) for k in delays]
-    tried += [left(efforts.quicker(rows, lag * k)) for k in NEAR]
+    tried += [left(efforts.without_lag(rows, lag * k)) for k in NEAR]
     as_stamped, delayed, lagging = np.split(
         regret(np.array([left(efforts.earlier(rows, 0)), *tried])), [1, 1 + len(delays)]
     )
@@ -170,13 +172,13 @@ def _refined(
     return Lateness(lag=lag * NEAR[0] * (NEAR[1] / NEAR[0]) ** lowest(lagging) - LEFT)
 
 
-def in_time(recordings: Sequence[Recording], late: Lateness) -> tuple[list[Recording], Lateness]:
+def without_lateness(recordings: Sequence[Recording], late: Lateness) -> tuple[list[Recording], Lateness]:
     """Recordings with their efforts' lateness undone, with a note, and how much was undone.
 
     A delay is undone by whole samples; for several recordings the average is returned.
     """
     if late.lag:
-        return [_quicker(mended(recording), late) for recording in recordings], late
+        return [_without_lag(mended(recording), late) for recording in recordings], late
     if not late.delay:
         return list(recordings), late
     moved = [samples / one.rate if (samples := _samples(one, late)) else 0.0 for one in recordings]
@@ -212,7 +214,7 @@ def _earlier(recording: Recording, late: Lateness) -> Recording:
     return _with(recording, rows, effort, late)
 
 
-def _quicker(recording: Recording, late: Lateness) -> Recording:
+def _without_lag(recording: Recording, late: Lateness) -> Recording:
     """A recording with exponential smoothing of its efforts undone: x[k] = y[k] + lag / period (y[k] - y[k - 1])."""
     rows = np.concatenate([np.arange(s.start + 1, s.stop) for s in recording.segments()])
     if not len(rows):

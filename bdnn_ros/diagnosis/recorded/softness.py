@@ -14,8 +14,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bdnn_ros.checks.sampling import lowest, some, telling
-from bdnn_ros.diagnosis.recorded.leftover import NEW, basis, beyond, regret
-from bdnn_ros.diagnosis.regression.building import STICKING_WIDTHS, sticks
+from bdnn_ros.diagnosis.recorded.residuals import NEW, basis, projected_out, regret
+from bdnn_ros.diagnosis.regression.building import STICKING_WIDTHS, near_creeping
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals import Signals
@@ -119,7 +119,7 @@ class _Changes:
         inside = moves.any(axis=1) & _untouched(signals, response, HARDLY)
         self.rows = some(np.flatnonzero(inside if inside.any() else moves.any(axis=1)), MOST_ROWS)
         # at rest, friction follows the slowly changing load: that is no softness
-        free = ~sticks(signals, STICKING_WIDTHS)
+        free = ~near_creeping(signals, STICKING_WIDTHS)
         # chosen before rows at segment ends are dropped, so that the joints do not depend on the filter
         self.joints = np.flatnonzero((moves & free).sum(axis=0) > LEAST * signals.rate)
         self.seen = free[self.rows]
@@ -130,7 +130,7 @@ class _Changes:
         effort = self._rates(signals.effort)
         self.others = [basis(changes[self.seen[:, j], j]) for j in self.joints]
         each = zip(self.joints, self.others, strict=True)
-        self.target = [beyond(effort[self.seen[:, j], j], other) for j, other in each]
+        self.target = [projected_out(effort[self.seen[:, j], j], other) for j, other in each]
 
     def _rates(self, values: np.ndarray) -> np.ndarray:
         return np.asarray(np.gradient(self.signals.smooth(values), axis=0)[self.rows])
@@ -151,7 +151,7 @@ class _Changes:
     def _left(self, sign: np.ndarray, lowpass: Lowpass | None) -> np.ndarray:
         steps = self._rates(sign if lowpass is None else self.signals.through(sign, lowpass))
         each = zip(self.joints, self.others, strict=True)
-        own = (beyond(steps[self.seen[:, j], j], other) for j, other in each)
+        own = (projected_out(steps[self.seen[:, j], j], other) for j, other in each)
         return np.log([_left(t, s) for t, s in zip(self.target, own, strict=True)])
 
 

@@ -9,8 +9,8 @@ from scipy.ndimage import binary_opening, maximum_filter1d
 
 from bdnn_ros.diagnosis.regression.equations import Equations
 from bdnn_ros.diagnosis.regression.learned import Learned
-from bdnn_ros.diagnosis.regression.load_friction import LoadFriction, carried
-from bdnn_ros.diagnosis.regression.noise import moved
+from bdnn_ros.diagnosis.regression.load_friction import LoadFriction, body_effort
+from bdnn_ros.diagnosis.regression.noise import moving_time
 from bdnn_ros.diagnosis.regression.unsure import Unsure
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.errors import RecordingError
@@ -73,9 +73,9 @@ def build(
     rows, runs = _rows(signals)
     drive = robot.drive_effort(signals.velocity, signals.acceleration, signals.sign)
     simulated = described_effort(robot, signals) if simulated is None else simulated
-    simulated, passing = (grows or LoadFriction()).through(signals, robot, simulated)
+    simulated, passing = (grows or LoadFriction()).applied(signals, robot, simulated)
     motion = _standing(Motion(signals, robot, simulated, drive), tilt)
-    load = None if passing is None else carried(signals, robot, simulated, passing)
+    load = None if passing is None else body_effort(signals, robot, simulated, passing)
     relative, jointwise, learned = _errors(unloaded or robot, left_open, load)
     masses = (np.arange(relative.shape[1]) % PER_LINK == 0) & (left_open is None)
     more = (0, 0 if unsure is None else len(unsure.covariance))
@@ -88,8 +88,8 @@ def build(
         rows,
         target=signals.smooth(signals.effort - simulated)[rows],
         usable=usable,
-        doubt=turns(signals)[rows],
-        dwelling=sticks(signals, DWELLING_WIDTHS)[rows],
+        sticking_doubt=sticking_doubt_of(signals)[rows],
+        dwelling=near_creeping(signals, DWELLING_WIDTHS)[rows],
         block=_blocks(usable, signals.time[rows]),
         runs=runs,
         relative=np.pad(relative, ((0, 0), more)),
@@ -98,7 +98,7 @@ def build(
         effort_size=size,
         jointwise=jointwise,
         learned=learned,
-        passing=passing,
+        load_friction_factor=passing,
         unsure=unsure,
     )
 
@@ -149,7 +149,7 @@ def _usable(signals: Signals, resting: np.ndarray, rows: np.ndarray) -> np.ndarr
     Raises:
         RecordingError: there are none.
     """
-    usable = (signals.seen & ~(resting | sticks(signals, STICKING_WIDTHS)))[rows]
+    usable = (signals.seen & ~(resting | near_creeping(signals, STICKING_WIDTHS)))[rows]
     if not usable.any():
         raise RecordingError(
             "Wherever the robot moves its effort is at a limit or stands still.",
@@ -176,7 +176,7 @@ def _blocks(usable: np.ndarray, time: np.ndarray) -> np.ndarray:
     """Held-out block of each row, (R,) int, from the usable rows (R, n) bool and their times [s]."""
     steps = np.diff(time, prepend=time[0])
     since = np.cumsum(np.minimum(steps, BLOCK_SECONDS))  # a long pause must not make the blocks long
-    moving = moved(usable, time)
+    moving = moving_time(usable, time)
     seldom = float(moving[moving > 0.0].min()) / LEAST_MOTION
     length = float(np.clip(seldom * BLOCK_SECONDS, SHORTEST_BLOCK, BLOCK_SECONDS))
     most = MOST_BLOCKS * min(BLOCK_SECONDS / length, 2.0)
@@ -199,7 +199,7 @@ def identified(covariance: np.ndarray) -> np.ndarray:
     return np.asarray(directions * np.sqrt(np.maximum(variances, 0.0)) / IDENTIFIED)
 
 
-def turns(signals: Signals) -> np.ndarray:
+def sticking_doubt_of(signals: Signals) -> np.ndarray:
     """Doubt: share of the low-pass window at each sample in which a joint reverses or creeps, (N, n).
 
     A joint that sticks bears any effort between the friction of either direction; its motion does not tell which. The moment
@@ -214,7 +214,7 @@ def turns(signals: Signals) -> np.ndarray:
     return np.abs(signals.smooth(signals.soften(turning.astype(float))))
 
 
-def sticks(signals: Signals, widths: float) -> np.ndarray:
+def near_creeping(signals: Signals, widths: float) -> np.ndarray:
     """Samples within reach of where a joint creeps for so many standard deviations of the low-pass, (N, n) bool."""
     width = signals.kernel_std * signals.rate
     reach = 2 * int(np.ceil(TURNING_WIDTHS * width)) + 1

@@ -7,7 +7,7 @@ import numpy as np
 from bdnn_ros.diagnosis.regression.equations import Equations
 from bdnn_ros.diagnosis.regression.noise import ORDER, Noise, rms, slipping, stable
 
-STEADY = 1e-3
+SURE_DOUBT = 1e-3
 """Doubt below which a joint surely moves on."""
 LEAST_ROWS = 10 * ORDER
 """Fewest rows for an autoregressive fit."""
@@ -26,7 +26,11 @@ def noise_of(equations: Equations, residual: np.ndarray, floor: np.ndarray, stea
     """
     if steady:
         residual = without_trends(equations, residual)
-    coefficients, full, doubt = np.zeros((equations.width, ORDER)), equations.full(), equations.doubtful()
+    coefficients, full, doubt = (
+        np.zeros((equations.width, ORDER)),
+        equations.full(),
+        equations.recent_sticking_doubt(),
+    )
     for j in range(equations.width):
         rows = np.flatnonzero(_steady(doubt[:, j], full[:, j]))
         if len(rows) >= LEAST_ROWS:
@@ -59,4 +63,4 @@ def without_trends(equations: Equations, values: np.ndarray) -> np.ndarray:
 def _steady(doubt: np.ndarray, rows: np.ndarray) -> np.ndarray:
     """Rows (R,) bool in which a joint surely moves on, or the steadiest ones if there are too few."""
     known = np.sort(doubt[rows])
-    return rows & (doubt <= max(STEADY, known[min(LEAST_ROWS, len(known)) - 1] if len(known) else 0.0))
+    return rows & (doubt <= max(SURE_DOUBT, known[min(LEAST_ROWS, len(known)) - 1] if len(known) else 0.0))

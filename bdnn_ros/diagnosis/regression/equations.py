@@ -14,9 +14,9 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from bdnn_ros.diagnosis.regression.echo import Echo
-from bdnn_ros.diagnosis.regression.later import later, later_spread
 from bdnn_ros.diagnosis.regression.learned import Learned
-from bdnn_ros.diagnosis.regression.noise import ORDER, Noise, moved, past, whitened
+from bdnn_ros.diagnosis.regression.noise import ORDER, Noise, moving_time, past, whitened
+from bdnn_ros.diagnosis.regression.onset import onset_columns, onset_spread
 from bdnn_ros.diagnosis.regression.pushing import Pushing
 from bdnn_ros.diagnosis.regression.term import Term
 from bdnn_ros.diagnosis.regression.unsure import Unsure
@@ -25,7 +25,7 @@ from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.rigid import slots
 from bdnn_ros.robot import Robot
 
-STEADY = 0.9
+CONSTANT_SHARE = 0.9
 """A column whose squared mean exceeds this share of its mean square hardly changes, and is scaled as an offset is."""
 TYPICAL_SHARE = 0.3
 """Prior spread of an effect: its contribution is about this share of the effort it acts on."""
@@ -51,7 +51,7 @@ class Equations:
         simulated, drive: the simulation's effort, and the part of it that drives take before the gear, both (N, n) [N·m].
         rows, target: which working samples are rows, (R,); measured effort minus the simulation's there, (R, n) [N·m].
         usable: rows that count in fits, (R, n) bool: without segments' ends and joints that rest or stick.
-        doubt: share of each row's low-pass window in which the joint reverses or creeps, so that it may stick, (R, n).
+        sticking_doubt: share of each row's low-pass window in which the joint reverses or creeps, so that it may stick, (R, n).
         dwelling: rows in which it creeps for so long that its dry friction appears smaller than it is, (R, n) bool.
         block, runs: held-out block of each row, (R,) int, ascending from 0; rows of each gap-free piece.
         relative, masses: map from U relative link errors to inertial parameters, (n * PER_LINK, U); which are masses, (U,) bool.
@@ -59,7 +59,7 @@ class Equations:
         lead: how far the recorded effort is known to be ahead of the motion [s].
         jointwise, learned: against an identified model, map from the same errors to `COMMON` at every joint, kind by kind,
             (len(COMMON) * n, U), and their effect through learned joint residuals; else None.
-        passing: factor on efforts by an earlier model's load-dependent friction, (N, n); None without.
+        load_friction_factor: factor on efforts by an earlier model's load-dependent friction, (N, n); None without.
         unsure: errors of joint effects that an earlier diagnosis found, the last K of the U errors; else None.
     """
 
@@ -69,7 +69,7 @@ class Equations:
     rows: np.ndarray
     target: np.ndarray
     usable: np.ndarray
-    doubt: np.ndarray
+    sticking_doubt: np.ndarray
     dwelling: np.ndarray
     block: np.ndarray
     runs: list[slice]
@@ -80,18 +80,18 @@ class Equations:
     lead: float = 0.0
     jointwise: np.ndarray | None = None
     learned: Learned | None = None
-    passing: np.ndarray | None = None
+    load_friction_factor: np.ndarray | None = None
     unsure: Unsure | None = None
     _columns: dict[Term, np.ndarray] = field(default_factory=dict)
     _nuisances: np.ndarray | None = None
     _pasts: dict[int, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict, init=False)
     _whitening: tuple[Noise, tuple[np.ndarray, np.ndarray]] | None = field(default=None, init=False)
     _pushing: dict[tuple[int, str | None], Pushing] = field(default_factory=dict, init=False)
-    ever_usable: np.ndarray = field(init=False)
+    usable_before_holdout: np.ndarray = field(init=False)
     """`usable` before rows are held out, (R, n) bool: priors are scaled by these also for what acts in held-out rows only."""
 
     def __post_init__(self) -> None:
-        self.ever_usable = self.usable
+        self.usable_before_holdout = self.usable
 
     @property
     def width(self) -> int:
@@ -112,16 +112,16 @@ class Equations:
     @property
     def moving(self) -> np.ndarray:
         """How long each joint moves, (n,) [s]."""
-        return moved(self.ever_usable, self.motion.time[self.rows])
+        return moving_time(self.usable_before_holdout, self.motion.time[self.rows])
 
     @property
     def blocks(self) -> int:
         """Number of held-out blocks."""
         return int(self.block.max()) + 1
 
-    def reduced(self, values: np.ndarray, borne: bool = True) -> np.ndarray:
-        """Values at the working rate (N, ...) low-passed and decimated to rows (R, ...); `borne` ones through `passed`."""
-        flat = (self.passed(values) if borne else values).reshape(len(values), -1)
+    def as_rows(self, values: np.ndarray, borne: bool = True) -> np.ndarray:
+        """Values at the working rate (N, ...) low-passed and decimated to rows (R, ...); `borne` ones `with_load_friction`."""
+        flat = (self.with_load_friction(values) if borne else values).reshape(len(values), -1)
         acting, result = np.ones(len(flat)) @ np.abs(flat) != 0.0, np.zeros((len(self.rows), flat.shape[1]))
         acting = slice(None) if acting.all() else acting  # without a copy
         if self.lead:
@@ -131,9 +131,10 @@ class Equations:
             result[:, acting] = self._smoothing @ flat[:, acting]
         return result.reshape(len(self.rows), *values.shape[1:])
 
-    def passed(self, values: np.ndarray) -> np.ndarray:
+    def with_load_friction(self, values: np.ndarray) -> np.ndarray:
         """Efforts at the working rate (N, n, ...) multiplied by the load-dependent friction that an earlier model has."""
-        return values if self.passing is None else np.einsum("ij,ij...->ij...", self.passing, values)
+        factor = self.load_friction_factor
+        return values if factor is None else np.einsum("ij,ij...->ij...", factor, values)
 
     @cached_property
     def _smoothing(self) -> csr_array:
@@ -143,10 +144,10 @@ class Equations:
     def columns(self, term: Term) -> np.ndarray:
         """Columns of a term as rows, (R, n, k) [N·m per unit]."""
         if term not in self._columns:
-            self._columns[term] = self.made(term)
+            self._columns[term] = self.fresh_columns(term)
         return self._columns[term]
 
-    def made(self, term: Term, motion: Motion | None = None) -> np.ndarray:
+    def fresh_columns(self, term: Term, motion: Motion | None = None) -> np.ndarray:
         """Columns of a term, computed anew and not cached; of a motion with another load estimate, if given. See `columns`."""
         effect, shape = term.effect, dict(term.shape)
         added = effect.inertials(self.motion.robot, shape, term.link) if term.link else None
@@ -155,16 +156,16 @@ class Equations:
         if isinstance(effect, Push):
             return self.pushed(term, window(self.motion, shape), effect.mixing(shape))
         columns = effect.columns(motion or self.motion, term.target, shape, term.link)
-        return self.reduced(columns, borne=not effect.at_sensor)
+        return self.as_rows(columns, borne=not effect.at_sensor)
 
     def pushed(self, term: Term, weight: np.ndarray, mixing: np.ndarray) -> np.ndarray:
         """Columns of a push with a time window (N,) and mixed as in `Push.mixing`, (K, k), as rows (R, n, k)."""
         effect, place = term.effect, (term.target, term.link)
         assert isinstance(effect, Push)
         if self.lead:
-            return self.reduced(weight[:, None, None] * (effect.pulls(self.motion, *place) @ mixing))
+            return self.as_rows(weight[:, None, None] * (effect.pulls(self.motion, *place) @ mixing))
         if place not in self._pushing:
-            pulls = self.passed(effect.pulls(self.motion, *place))
+            pulls = self.with_load_friction(effect.pulls(self.motion, *place))
             self._pushing[place] = Pushing.of(pulls, self._smoothing, self.rows)
         return self._pushing[place].at(weight, mixing)
 
@@ -188,7 +189,7 @@ class Equations:
     @cached_property
     def _regressor(self) -> np.ndarray:
         """Regressor of all inertial parameters as rows, (R, n, n * PER_LINK)."""
-        return self.reduced(self.motion.regressor)
+        return self.as_rows(self.motion.regressor)
 
     @property
     def hold(self) -> float:
@@ -201,12 +202,12 @@ class Equations:
 
         Lead: the load's rate, as a held effort leads. Blurs: the load's curvature, as of slow sensors, and that of the bodies'
         effort beyond the motion's frequencies, against noise of the position. Sticking: rates of the directions, as friction
-        of a joint that sticks turns before its low-passed velocity. Creep: see `later`.
+        of a joint that sticks turns before its low-passed velocity. Creep: see `onset_columns`.
         """
         if self._nuisances is None:
             rate = self.motion.load_rate
-            general = self.reduced(np.stack([rate, self.motion.derivative(rate)], axis=-1), borne=False)
-            creeping = later(self.motion.signals, self.reduced)
+            general = self.as_rows(np.stack([rate, self.motion.derivative(rate)], axis=-1), borne=False)
+            creeping = onset_columns(self.motion.signals, self.as_rows)
             self._nuisances = np.concatenate([general, self._jitter, self._sticking, creeping], axis=2)
         return self._nuisances
 
@@ -220,30 +221,29 @@ class Equations:
         """Curvature of the part of the bodies' effort that is faster than the motion, (R, n, 1) [N·m/s²]."""
         motion = self.motion
         fast = motion.link_load - motion.calmed(motion.link_load)
-        return self.reduced(motion.derivative(motion.derivative(fast)))[..., None]
+        return self.as_rows(motion.derivative(motion.derivative(fast)))[..., None]
 
     @cached_property
     def _sticking(self) -> np.ndarray:
         """Rates of the joints' directions of motion, (R, n, n) [1/s]."""
-        rate = self.reduced(self.motion.derivative(self.motion.signals.sign))
+        rate = self.as_rows(self.motion.derivative(self.motion.signals.sign))
         return np.asarray(rate[:, :, None] * np.eye(self.width))
 
     @property
     def nuisance_spread(self) -> np.ndarray:
         """Prior standard deviations of lead [s], blurs [s²], sticking [N·m·s] and creep [N·m], (3 + n + k,)."""
         blur, effort = self.motion.signals.kernel_std**2, self.effort_scale
-        more = later_spread(self.motion.signals, self.motion.robot, effort)
+        more = onset_spread(self.motion.signals, self.motion.robot, effort)
         return np.array([0.5 * self.hold, blur, blur, *(STICKING_LEAD * effort), *more])
 
-    def relieve(self, *acting: np.ndarray, bodies: tuple[Robot, np.ndarray] | None = None) -> None:
+    def update_load(self, *acting: np.ndarray, bodies: tuple[Robot, np.ndarray] | None = None) -> None:
         """Replace the estimates of the load, arguments as of `Motion.with_load`, and of the bodies, as of `Motion.with_robot`."""
         motion = self.motion if bodies is None else self.motion.with_robot(*bodies)
-        self.take(motion.with_load(*acting))
+        self.use_motion(motion.with_load(*acting))
 
-    def take(self, motion: Motion) -> None:
+    def use_motion(self, motion: Motion) -> None:
         """Use another estimate of load and bodies along the same motion; cached columns that depend on them are dropped."""
-        bodies = motion.robot is not self.motion.robot
-        self.motion = motion
+        bodies, self.motion = motion.robot is not self.motion.robot, motion
         self._columns = {
             term: kept
             for term, kept in self._columns.items()
@@ -251,7 +251,7 @@ class Equations:
         }
         self._nuisances = None
 
-    def count(self, rows: np.ndarray) -> None:
+    def use_rows(self, rows: np.ndarray) -> None:
         """Replace the usable rows, (R, n) bool."""
         self.usable, self._pasts, self._whitening = rows, {}, None
 
@@ -267,16 +267,16 @@ class Equations:
 
     def spread(self, term: Term, columns: np.ndarray) -> np.ndarray:
         """Prior standard deviation of the coefficients of a term's columns (R, n, k), (k,)."""
-        counted = self.ever_usable.astype(float)
+        counted = self.usable_before_holdout.astype(float)
         squares = np.einsum("rn,rnk,rnk->nk", counted, columns, columns)
         means = np.einsum("rn,rnk->nk", counted / np.sqrt(np.maximum(counted.sum(axis=0), 1.0)), columns)
-        steady = (means**2 > STEADY * squares) | term.effect.constant
+        steady = (means**2 > CONSTANT_SHARE * squares) | term.effect.constant
         usual = np.where(steady, self.effort_size[:, None], self.effort_scale[:, None])
         strongest = term.effect.strength(np.sqrt(squares / len(columns)), usual)
         typical = TYPICAL_SHARE / np.maximum(strongest, max(HARDLY_SEEN * strongest.max(), 1e-9))
-        return np.maximum(term.effect.spread(typical, self.motion, term.target), term.gone)
+        return np.maximum(term.effect.spread(typical, self.motion, term.target), term.removable)
 
-    def echo(self, term: Term, width: int) -> np.ndarray:
+    def noise_gain(self, term: Term, width: int) -> np.ndarray:
         """Evidence that noise alone appears to gain through a term's columns, by block, (B, k) [nats per coefficient].
 
         Columns made from the measured effort contain its noise. The change of variables from noise to equation error removes
@@ -306,7 +306,7 @@ class Equations:
         """Number of usable rows directly before each, at most the order, (R, n); -1 for an unusable row."""
         return self._past(order)[0]
 
-    def doubtful(self, order: int = ORDER) -> np.ndarray:
+    def recent_sticking_doubt(self, order: int = ORDER) -> np.ndarray:
         """Largest doubt within each row and its noise history, (R, n)."""
         return self._past(order)[1]
 
@@ -316,5 +316,5 @@ class Equations:
 
     def _past(self, order: int) -> tuple[np.ndarray, np.ndarray]:
         if order not in self._pasts:
-            self._pasts[order] = past(self.usable, self.doubt, self.runs, order)
+            self._pasts[order] = past(self.usable, self.sticking_doubt, self.runs, order)
         return self._pasts[order]

@@ -66,15 +66,15 @@ class Pool:
         self.white_target = equations.whiten(equations.target, noise)
         self.gram, self.moment, self.power = by_block(self.white, self.white_target, equations.block)
         for term, slot in zip(self.terms, self.slots, strict=True):
-            self.moment[:, slot] -= equations.echo(term, len(slot))
+            self.moment[:, slot] -= equations.noise_gain(term, len(slot))
         self._fits: dict[tuple[int, ...], Fit] = {}
         self._held_out: dict[tuple[int, ...], np.ndarray] = {}
         self._tall: tuple[tuple[object, ...], tuple[np.ndarray, np.ndarray]] | None = None
         history = equations.history(noise.order)
-        stds = noise.of(equations.doubtful(noise.order), np.maximum(history, 0))
+        stds = noise.of(equations.recent_sticking_doubt(noise.order), np.maximum(history, 0))
         self._scale = float(np.sum((history >= 0) * np.log(stds)))
 
-    def believing(self, link_error: float) -> Pool:
+    def with_link_error(self, link_error: float) -> Pool:
         """The pool with another prior standard deviation of the links' errors."""
         other = copy(self)
         other._fits, other._held_out = {}, {}
@@ -103,7 +103,7 @@ class Pool:
             other.gram[b][:, slot], other.gram[b][slot] = cross, cross.T
             other.moment[b][slot] = new.T @ self.white_target[rows].ravel()
         for one, term in found.items():
-            other.moment[:, self.slots[one]] -= self.equations.echo(term, len(self.slots[one]))
+            other.moment[:, self.slots[one]] -= self.equations.noise_gain(term, len(self.slots[one]))
         other.__dict__.pop("total", None)
         return other
 
@@ -115,14 +115,14 @@ class Pool:
     @property
     def sure(self) -> np.ndarray:
         """Usable rows in which possible sticking adds less than the other noise, (R, n) bool."""
-        return self.equations.usable & self.noise.sure(self.equations.doubt)
+        return self.equations.usable & self.noise.sure(self.equations.sticking_doubt)
 
     @property
     def whole(self) -> Fit:
         """Posterior of all terms of the pool together."""
         return self.fit(range(len(self.terms)))
 
-    def left(self) -> np.ndarray:
+    def residual_of_all(self) -> np.ndarray:
         """Residual of all terms, rows (R, n) [N·m]; the blurs, which only weigh down noise, are not subtracted."""
         return self.residual(self.whole, blur=False)
 
@@ -166,7 +166,7 @@ class Pool:
         volume = 0.5 * np.sum(np.log(precision)) - np.sum(np.log(np.diag(factor)))
         return Fit(chosen, best, precision, factor, float(volume - loss - self._scale), float(loss))
 
-    def most(self, candidates: Sequence[int]) -> float:
+    def evidence_bound(self, candidates: Sequence[int]) -> float:
         """Upper bound of the evidence of any subset of some terms, with these shapes: all at once, at no prior cost.
 
         Infinite where they are too collinear for that to be computed.
@@ -211,7 +211,7 @@ class Pool:
         Args:
             columns: rows (R, n, k) in place of the term's own, unbounded if k differs; None makes its own, not cached.
         """
-        columns = self.equations.made(term) if columns is None else columns
+        columns = self.equations.fresh_columns(term) if columns is None else columns
         gains, best = self._each(fit, [term], columns[:, :, None])
         return float(gains[0]), best[0]
 
@@ -225,7 +225,7 @@ class Pool:
         if size != len(bounds):
             bounds, kinds = np.tile([-np.inf, np.inf], (size, 1)), kinds[:0]
         inner, left = self.beside(fit, columns)
-        left -= np.array([self.equations.echo(term, size).sum(axis=0) for term in terms])
+        left -= np.array([self.equations.noise_gain(term, size).sum(axis=0) for term in terms])
         each = zip(terms, np.moveaxis(columns, 2, 0), strict=True)
         prior = np.array([self.equations.spread(term, own) for term, own in each]) ** -2.0
         schur = inner + prior[:, :, None] * np.eye(size)

@@ -52,7 +52,7 @@ def removed(
     Args:
         extended: residual of a fit that has not seen the held-out rows, (R, n) [N·m].
     """
-    left, result = fitted.left(), []
+    left, result = fitted.residual_of_all(), []
     for chosen, term in enumerate(fitted.terms):
         part = equations.columns(term) @ fitted.coefficients(fitted.whole, chosen)
         result.append(
@@ -93,7 +93,7 @@ def share_of(part: np.ndarray, left: np.ndarray, before: np.ndarray, rows: np.nd
 def by_links(equations: Equations, fitted: Pool, rows: np.ndarray) -> float:
     """Share of the simulation's squared error in some rows (R, n) that the link corrections remove."""
     part = equations.rigid @ fitted.whole.coefficients[: equations.rigid.shape[2]]
-    return share_of(part, fitted.left(), equations.target, rows)
+    return share_of(part, fitted.residual_of_all(), equations.target, rows)
 
 
 def squares(mean: np.ndarray, rows: np.ndarray) -> float:
@@ -123,7 +123,7 @@ def noticeable(brief: bool, less: np.ndarray, after: np.ndarray, scale: np.ndarr
     return bool((large | outstanding).any())
 
 
-def gain_of(
+def held_out_gain(
     equations: Equations,
     extended: np.ndarray,
     held: np.ndarray,

@@ -18,9 +18,9 @@ if TYPE_CHECKING:
 
 STRAIGHT = COMMON[1:]
 """Straight part of joint residuals: viscous and Coulomb friction and offset, signed as in the contract."""
-CONTRACT = np.array([1.0, 1.0, -1.0])
+CONTRACT_SIGNS = np.array([1.0, 1.0, -1.0])
 """Signs from `LocalResiduals.straight` to the contract: its offsets add to the measured effort, the contract's to what acts."""
-SHOWN = 1e-2
+SINGULAR_SHARE = 1e-2
 """Relative singular value below which the motion does not show a direction of these: Coulomb versus viscous at one speed."""
 
 
@@ -52,11 +52,11 @@ class Learned:
 
     def _rows(self, equations: Equations) -> np.ndarray:
         """Effort per unit of each weight at its joint, rows (R, W) [N·m]."""
-        motion, passing = equations.motion, equations.passing
+        motion, passing = equations.motion, equations.load_friction_factor
         added = self.left_open.columns(motion.robot, motion.signals, self.load)
         if passing is not None:
             added = added * passing[:, self.left_open.joints]
-        return equations.reduced(added, borne=False)
+        return equations.as_rows(added, borne=False)
 
     def straight(self, equations: Equations) -> tuple[np.ndarray, np.ndarray]:
         """Best straight description of each weight along a motion, (W, 3), and projections onto what it shows, (n, 3, 3).
@@ -75,7 +75,7 @@ class Learned:
             terms = [Term(get(name), joint) for name in STRAIGHT]
             plain = np.concatenate([equations.columns(term)[when, joint] for term in terms], axis=1)
             size = np.maximum(np.linalg.norm(plain, axis=0), 1e-12)
-            back = np.linalg.pinv(plain / size, rcond=SHOWN) / size[:, None]
+            back = np.linalg.pinv(plain / size, rcond=SINGULAR_SHARE) / size[:, None]
             weights[own], shown[joint] = (back @ rows[when][:, own]).T, back @ plain
         return weights, shown
 
@@ -84,7 +84,7 @@ class Learned:
         result, (straight, shown) = np.zeros((len(STRAIGHT), equations.width)), self.straight(equations)
         places = self.left_open.joints, self.left_open.places
         np.add.at(result.T, places[0], straight * learned.weights[places][:, None])
-        return result - np.einsum("jkl,jl->kj", shown, learned.straight * CONTRACT)
+        return result - np.einsum("jkl,jl->kj", shown, learned.straight * CONTRACT_SIGNS)
 
     def moved(self, before: LocalResiduals | None, errors: np.ndarray) -> LocalResiduals | None:
         """Learned residuals with their weights moved by errors (U,)."""

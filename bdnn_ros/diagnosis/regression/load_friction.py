@@ -23,7 +23,7 @@ class LoadFriction:
     ratios: np.ndarray | float = 0.0
     learned: LocalResiduals | None = None
 
-    def through(
+    def applied(
         self, signals: Signals, robot: Robot, simulated: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray | None]:
         """The simulation's effort with this friction, and its factor on effort that is added, (N, n) each; None for 1.
@@ -47,7 +47,7 @@ class LoadFriction:
     def _learned(
         signals: Signals, robot: Robot, learned: LocalResiduals, simulated: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """As `through`, for the learned part alone, which grows with the load of the bodies without friction."""
+        """As `applied`, for the learned part alone, which grows with the load of the bodies without friction."""
         load = robot.rigid_effort(signals.position, signals.velocity, signals.acceleration)
         growth = learned.growth(signals.velocity, signals.direction)
         way = np.sign(_measured(signals) - (simulated - load))
@@ -55,11 +55,11 @@ class LoadFriction:
         return simulated + further, 1.0 + signals.soften(growth * way)
 
 
-def carried(signals: Signals, robot: Robot, simulated: np.ndarray, passing: np.ndarray) -> np.ndarray:
+def body_effort(signals: Signals, robot: Robot, simulated: np.ndarray, passing: np.ndarray) -> np.ndarray:
     """Effort that bodies take, any additions to the robot's included, by the measured effort, (N, n) [N·m].
 
     Args:
-        simulated, passing: see `LoadFriction.through`.
+        simulated, passing: see `LoadFriction.applied`.
     """
     load = robot.rigid_effort(signals.position, signals.velocity, signals.acceleration)
     return np.asarray(load + (_measured(signals) - simulated) / passing)

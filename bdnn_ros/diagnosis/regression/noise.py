@@ -136,6 +136,6 @@ def rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(values**2))) if len(values) else 0.0
 
 
-def moved(rows: np.ndarray, time: np.ndarray) -> np.ndarray:
+def moving_time(rows: np.ndarray, time: np.ndarray) -> np.ndarray:
     """Duration of each joint's motion, (n,) [s], from its usable rows (R, n) bool and their times (R,) [s]."""
     return np.asarray(rows.sum(axis=0) * np.median(np.diff(time)))

@@ -42,7 +42,7 @@ ELSEWHERE = ("effort_scale", "position_offset")
 """Kinds whose rivals may be at other joints: a joint that pulls less looks like all others pulling more."""
 
 
-def near(term: Term) -> int:
+def rival_joint(term: Term) -> int:
     """Joint at which rivals of a term act; -1 for any."""
     return -1 if term.effect.name in ELSEWHERE else term.target
 
@@ -90,7 +90,7 @@ def having_each(pool: Pool, company: Sequence[int]) -> dict[str, set[int]]:
     return having
 
 
-def doubt(pool: Pool) -> float:
+def link_error_cost(pool: Pool) -> float:
     """Log prior odds against the link error that a pool assumes."""
     return LINK_ERROR_COST * pool.link_error**2
 

@@ -55,7 +55,7 @@ class Term:
         return np.maximum(self.effect.kinds, NOTHING) ** -2.0
 
     @property
-    def gone(self) -> np.ndarray:
+    def removable(self) -> np.ndarray:
         """How far each coefficient can go below a description or earlier model, (k,); (1,) of zero if not at all.
 
         A lower limit of the prior spread, whatever the joint's effort: a tag in a URDF is often a guess.

@@ -15,7 +15,7 @@ from bdnn_ros.effects.registry import get
 if TYPE_CHECKING:
     from bdnn_ros.diagnosis.regression.equations import Equations
 
-DOUBTED = 2.0
+ERROR_FACTOR = 2.0
 """Factor on the estimated standard deviations of what was found."""
 
 
@@ -45,7 +45,7 @@ class Unsure:
     def errors(self) -> np.ndarray:
         """Map from K independent errors, in prior standard deviations, to those of the coefficients, (K, K)."""
         variances, directions = np.linalg.eigh(0.5 * (self.covariance + self.covariance.T))
-        return np.asarray(DOUBTED * directions * np.sqrt(np.maximum(variances, 0.0)))
+        return np.asarray(ERROR_FACTOR * directions * np.sqrt(np.maximum(variances, 0.0)))
 
     def columns(self, equations: Equations) -> np.ndarray:
         """Effort per unit of each error, rows (R, n, K) [N·m]."""

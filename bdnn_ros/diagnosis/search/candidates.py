@@ -39,7 +39,7 @@ class Candidates:
 
     terms: tuple[Term, ...]
     robot: Robot
-    since: Sequence[Installed] | None = None
+    earlier_effects: Sequence[Installed] | None = None
     """Effects of the earlier model beside its robot, and loads on it; None against a simulation."""
 
     @classmethod
@@ -59,7 +59,7 @@ class Candidates:
         return cls(tuple(terms), robot)
 
     @classmethod
-    def shown_by(cls, equations: Equations, since: Sequence[Installed] | None = None) -> Candidates:
+    def shown_by(cls, equations: Equations, earlier_effects: Sequence[Installed] | None = None) -> Candidates:
         """Candidates that a recording can tell apart.
 
         Without those of bodies if only one joint moves. Without those that change with time, or periodically with position, at
@@ -67,8 +67,8 @@ class Candidates:
         shows along this motion.
 
         Args:
-            since: effects that an earlier model has beside its robot, if one takes the simulation's place; candidates are
-                then changes from these, which may be negative.
+            earlier_effects: effects that an earlier model has beside its robot, if one takes the simulation's place;
+                candidates are then changes from these, which may be negative.
         """
         motion = equations.motion
         every = cls.of(motion.robot, bodies=equations.alone is None)
@@ -86,12 +86,16 @@ class Candidates:
             return any(effect.resolved(motion, term.target, shape) for shape in allowed)
 
         kept = [term for term in every.terms if shows(term)]
-        return cls(tuple(_as_change(term, every.robot, since) for term in kept), every.robot, since)
+        return cls(
+            tuple(_as_change(term, every.robot, earlier_effects) for term in kept),
+            every.robot,
+            earlier_effects,
+        )
 
     def settled(self, term: Term, motion: Motion) -> Term | None:
         """What a term settles into, as a change like all candidates; None if nothing."""
         plain = term.settled(motion)
-        return None if plain is None else _as_change(plain, self.robot, self.since)
+        return None if plain is None else _as_change(plain, self.robot, self.earlier_effects)
 
     def common(self) -> list[Term]:
         """Candidates of the common kinds at all joints."""
@@ -154,7 +158,7 @@ class Candidates:
         # the lag of friction in sticking is part of the load, so that a delay shifts it like the rest
         late = motion.derivative(motion.signals.sign) * pool.nuisances(fit)[equations.sticking]
         errors = motion.regressed(equations.relative @ fit.coefficients[:links])
-        base = equations.simulated + equations.passed(errors) + equations.passed(late)
+        base = equations.simulated + equations.with_load_friction(errors) + equations.with_load_friction(late)
         drive = equations.drive + late
         for chosen in fit.terms:
             term = pool.terms[chosen]
@@ -162,7 +166,7 @@ class Candidates:
                 continue
             coefficients = acting_per_measured(pool, fit, chosen) * pool.coefficients(fit, chosen)
             part = term.effect.columns(motion, term.target, dict(term.shape), term.link) @ coefficients
-            base += equations.passed(part)
+            base += equations.with_load_friction(part)
             if term.effect.in_drive:
                 drive += part
         return np.asarray(base), drive, effort_scales(pool, fit)

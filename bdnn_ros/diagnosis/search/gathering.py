@@ -5,10 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from bdnn_ros.diagnosis.pushes.contact import distance
-from bdnn_ros.diagnosis.pushes.pushes import follows, lasting, nearest, pushes_but, reshaped, together, toss
+from bdnn_ros.diagnosis.pushes.pushes import (
+    follows,
+    lasting,
+    nearest,
+    pushes_but,
+    reshaped,
+    tie_margin,
+    together,
+)
 from bdnn_ros.diagnosis.regression.evidence import Pool
 from bdnn_ros.diagnosis.search.moves import BETTER
-from bdnn_ros.diagnosis.search.parting import parted
+from bdnn_ros.diagnosis.search.parting import split_recurring
 from bdnn_ros.robot import Robot
 
 Score = Callable[[Pool, Sequence[int]], float]
@@ -20,7 +28,7 @@ def gathered(pool: Pool, chosen: list[int], robot: Robot, score: Score) -> tuple
     Args:
         score: of a set of a pool's terms, see `Moves.score`.
     """
-    pool, chosen = parted(pool, chosen, robot, score)
+    pool, chosen = split_recurring(pool, chosen, robot, score)
     pool, chosen = _joined(pool, chosen, robot, score)
     for one in [c for c in chosen if pool.terms[c].effect.timed]:
         if one not in chosen:
@@ -32,7 +40,7 @@ def gathered(pool: Pool, chosen: list[int], robot: Robot, score: Score) -> tuple
         best = nearest(other, scores, without, robot)
         better = scores[best] - score(pool, chosen)
         if distance(other.terms[best], robot) < distance(pool.terms[one], robot):
-            better += toss(other.terms[best], scores[best] - without)
+            better += tie_margin(other.terms[best], scores[best] - without)
         if better > BETTER:
             pool, chosen = pool.replacing({best: other.terms[best]}), [*rest, best]
     return pool, chosen

@@ -23,7 +23,7 @@ LATEST, LAG_STEP = 0.2, 0.004
 """Largest delay that is tried, and the step between delays [s]."""
 
 
-def parted(pool: Pool, fit: Fit) -> tuple[float, dict[int, float]]:
+def lead_and_delays(pool: Pool, fit: Fit) -> tuple[float, dict[int, float]]:
     """The lead that remains [s], and what each chosen delay takes over of it [s].
 
     A delay of all joints takes all but the expected hold. Delays of single joints take only what no hold explains, and only if
@@ -70,7 +70,7 @@ def moved(candidates: Candidates, pool: Pool, chosen: Sequence[int], delay: int,
         if later.whole.evidence <= best.whole.evidence:
             break
         lag, best = lag + LAG_STEP, later
-    equations.relieve(*candidates.load(equations, best, best.whole))
+    equations.update_load(*candidates.load(equations, best, best.whole))
     noise = white_noise_of(equations, best.residual(best.whole), floor)
     return Pool(equations, noise, [*rest, term.shaped({"at": lag})], pool.link_error)
 
@@ -105,5 +105,5 @@ def _earlier(equations: Equations, joint: int, lag: float) -> Equations:
     if joint >= 0:
         change = motion.joint_column(joint, change[:, joint])[..., 0]
     other = copy(equations)
-    other.target = equations.target + equations.reduced(change, borne=False)
+    other.target = equations.target + equations.as_rows(change, borne=False)
     return other

@@ -8,10 +8,10 @@ from functools import partial
 import numpy as np
 
 from bdnn_ros.aside import first_in_two
-from bdnn_ros.diagnosis.pushes.pushes import leftover, toss
+from bdnn_ros.diagnosis.pushes.pushes import leftover, tie_margin
 from bdnn_ros.diagnosis.regression.equations import Equations
 from bdnn_ros.diagnosis.regression.evidence import Pool
-from bdnn_ros.diagnosis.regression.odds import contains, having_each, log_odds, near, unbelievable
+from bdnn_ros.diagnosis.regression.odds import contains, having_each, log_odds, rival_joint, unbelievable
 from bdnn_ros.diagnosis.regression.term import Term
 from bdnn_ros.diagnosis.search.candidates import Candidates
 from bdnn_ros.diagnosis.search.settling import refined
@@ -74,7 +74,7 @@ class Moves:
         while True:
             fit = pool.fit(chosen)
             open_ = [c for c in self.open_to(pool, chosen) if c not in refused]
-            if not open_ or pool.most([*chosen, *open_]) < wanted:
+            if not open_ or pool.evidence_bound([*chosen, *open_]) < wanted:
                 return pool, chosen
             gains = pool.gains(fit, open_) - self.costs(pool, chosen, open_)
             best = int(np.argmax(gains))
@@ -142,7 +142,7 @@ class Moves:
             return None
         rest = [c for c in chosen if c not in group]
         now = self.score(pool, chosen)
-        better = BETTER + toss(pool.terms[group[0]], now - self.score(pool, rest))
+        better = BETTER + tie_margin(pool.terms[group[0]], now - self.score(pool, rest))
         for rival, behind in self.rivals(pool, chosen, *group)[:RIVALS_TRIED]:
             if behind >= UNSURE:
                 break
@@ -194,7 +194,7 @@ class Moves:
         rest = [c for c in chosen if c not in group]
         fit = pool.fit(rest)
         kept = self.score(pool, chosen) - self.score(pool, rest)
-        where = near(pool.terms[group[0]])
+        where = rival_joint(pool.terms[group[0]])
         spots = {pool.terms[c].spot for c in group}  # another occurrence at the same place is no rival
         found = [c for c in self.open_to(pool, rest, where) if pool.terms[c].spot not in spots]
         if not found:
@@ -216,7 +216,7 @@ class Moves:
         term, equations = pool.terms[one], self.equations
         if term.effect.of_load:
             load = equations.motion.with_load(*self.candidates.load(equations, pool, pool.fit(rest)))
-            pool = pool.replacing({one: term}, equations.made(term, load))
+            pool = pool.replacing({one: term}, equations.fresh_columns(term, load))
         return self.score(pool, [*rest, one])
 
     def costs(self, pool: Pool, company: Sequence[int], of: Sequence[int]) -> np.ndarray:

@@ -14,7 +14,7 @@ ROUNDS = 2
 """Alternations in which the two parts are refined."""
 
 
-def parted(
+def split_recurring(
     pool: Pool, chosen: list[int], robot: Robot, score: Callable[[Pool, Sequence[int]], float]
 ) -> tuple[Pool, list[int]]:
     """Replace a push, and those within its time, by one before and one after them, where that scores better.

@@ -19,7 +19,7 @@ from bdnn_ros.diagnosis.regression.equations import Equations
 from bdnn_ros.diagnosis.regression.evidence import Pool
 from bdnn_ros.diagnosis.regression.fit import Fit
 from bdnn_ros.diagnosis.regression.noise import Noise
-from bdnn_ros.diagnosis.regression.odds import COST, contains, doubt, related
+from bdnn_ros.diagnosis.regression.odds import COST, contains, link_error_cost, related
 from bdnn_ros.diagnosis.regression.term import Shape, Term, new_shapes, of_shapes
 from bdnn_ros.diagnosis.search.candidates import Candidates
 from bdnn_ros.diagnosis.search.gathering import gathered
@@ -29,7 +29,7 @@ from bdnn_ros.diagnosis.search.settling import anew, at_own_noise, refined
 
 LINK_ERRORS = (0.02, 0.05, 0.1, 0.2)
 """Prior standard deviations of relative link errors that are tried; the evidence chooses."""
-DOUBTS = (0.01, 0.02, 0.05, 0.1)
+IDENTIFIED_LINK_ERRORS = (0.01, 0.02, 0.05, 0.1)
 """The same against an identified model: one to ten of its own standard deviations."""
 NOISE_FLOOR = 1e-4
 """Smallest noise, as a share of the effort's spread."""
@@ -116,7 +116,7 @@ class Search(Moves):
         alone = tuple(places[term.place] for term in found.terms)
         if not set(alone) <= set(selection.chosen) or self._worth(now) >= self._worth(found):
             return selection, now
-        self.equations.take(motion)
+        self.equations.use_motion(motion)
         pool = selection.pool
         for one, term in zip(alone, found.terms, strict=True):  # restore the shapes that they have alone
             pool = pool.replacing({one: term})
@@ -124,7 +124,7 @@ class Search(Moves):
 
     def _worth(self, pool: Pool, chosen: Sequence[int] | None = None) -> float:
         """Score of some terms of a pool (all by default), including the prior of its link error."""
-        return self.score(pool, range(len(pool.terms)) if chosen is None else chosen) - doubt(pool)
+        return self.score(pool, range(len(pool.terms)) if chosen is None else chosen) - link_error_cost(pool)
 
     def _by_delays(self, selection: Selection, now: Pool) -> Pool | None:
         """The terms with a delay found by shifting the measured effort, where that is better; None if not.
@@ -228,7 +228,7 @@ class Search(Moves):
             every = range(len(trial.terms))
             found = self._worth(trial) > worth + BETTER and self.pays(trial, every, every[-1])
             found = found and not any(leftover(trial, every, one) for one in every)
-            self.equations.take(motion)
+            self.equations.use_motion(motion)
             return found or None
 
         found = first_in_two(better, range(len(others)))
@@ -253,7 +253,7 @@ class Search(Moves):
             pool = Pool(equations, noise, common, self.link_errors[-1])
             fit = pool.fit(range(len(common)))
             noise = noise_of(equations, pool.residual(fit), self.floor, steady=True)
-        equations.relieve(*self.candidates.load(equations, pool, fit))
+        equations.update_load(*self.candidates.load(equations, pool, fit))
         return noise, self._worn(Pool(equations, noise, common, self.link_errors[-1]))
 
     def _worn(self, pool: Pool) -> list[Term]:
@@ -282,12 +282,12 @@ class Search(Moves):
         pool, begun = gathered(pool, list(every), self.candidates.robot, self.score)
 
         def descended(error: float) -> tuple[float, float, list[int], dict[int, Shape]]:
-            found, chosen = self.descend(pool.believing(error), begun, least)
+            found, chosen = self.descend(pool.with_link_error(error), begun, least)
             return self._worth(found, chosen), error, chosen, new_shapes(found.terms, pool.terms)
 
         found = in_two(descended, self._beliefs(noise, start))
         _, self.link_error, chosen, shapes = max(found, key=lambda one: one[0])
-        pool = pool.believing(self.link_error).replacing(of_shapes(pool.terms, shapes))
+        pool = pool.with_link_error(self.link_error).replacing(of_shapes(pool.terms, shapes))
         return Selection(pool, tuple(chosen), pool.fit(chosen))
 
     def _beliefs(self, noise: Noise, start: Sequence[Term]) -> list[float]:
@@ -298,14 +298,17 @@ class Search(Moves):
         places = {term.place for term in start}
         known = [*start, *(term for term in self.candidates.common() if term.place not in places)]
         pool = Pool(self.equations, noise, known, self.link_errors[-1])
-        scores = [other.whole.evidence - doubt(other) for other in map(pool.believing, self.link_errors)]
+        scores = [
+            other.whole.evidence - link_error_cost(other)
+            for other in map(pool.with_link_error, self.link_errors)
+        ]
         best = int(np.argmax(scores))
         return list(self.link_errors[max(best - 1, 0) : best + 1])
 
     def beliefs_of(self, pool: Pool) -> list[Pool]:
         """A pool at its own and at the next larger link error."""
         larger = [error for error in self.link_errors if error > pool.link_error]
-        return [pool, *(pool.believing(error) for error in larger[:1])]
+        return [pool, *(pool.with_link_error(error) for error in larger[:1])]
 
 
 def _shaped(term: Term) -> bool:

@@ -60,11 +60,11 @@ def anew(candidates: Candidates, equations: Equations, pool: Pool) -> Pool:
     return pool
 
 
-def relieve(candidates: Candidates, equations: Equations, pool: Pool) -> None:
+def update_load(candidates: Candidates, equations: Equations, pool: Pool) -> None:
     """Update the load and bodies of the equations from the pool's fit."""
     pool = undelayed(pool)
     found = equations, pool, pool.whole
-    equations.relieve(*candidates.load(*found), bodies=candidates.bodies(*found))
+    equations.update_load(*candidates.load(*found), bodies=candidates.bodies(*found))
 
 
 def at_own_noise(
@@ -79,7 +79,7 @@ def at_own_noise(
     every = range(len(pool.terms))
     for _ in range(NOISE_ROUNDS):
         noise = _noise(equations, pool, floor, beside)
-        relieve(candidates, equations, pool)
+        update_load(candidates, equations, pool)
         pool = refined(candidates, equations, Pool(equations, noise, pool.terms, pool.link_error), every)
     return Pool(equations, _noise(equations, pool, floor, beside), pool.terms, pool.link_error)
 
@@ -100,7 +100,7 @@ def settled(candidates: Candidates, equations: Equations, pool: Pool) -> Pool:
         for chosen in fit.terms:
             term, coefficients = terms[chosen], pool.coefficients(fit, chosen)
             terms[chosen] = term.shaped(term.effect.relinearised(coefficients, dict(term.shape)))
-        relieve(candidates, equations, pool)
+        update_load(candidates, equations, pool)
         pool = Pool(equations, pool.noise, terms, pool.link_error)
     return pool
 

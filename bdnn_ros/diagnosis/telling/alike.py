@@ -49,7 +49,7 @@ def common(equations: Equations, fitted: Pool) -> Common | None:
     pool = Pool(equations, fitted.noise, fitted.terms, fitted.link_error)
     rest = [c for c, term in enumerate(pool.terms) if term.effect.name != LinkInertia.name]
     alone, best = -math.inf, (-math.inf, 0.0, 0.0)
-    for each in map(pool.believing, LINK_ERRORS):
+    for each in map(pool.with_link_error, LINK_ERRORS):
         fit = each.fit(rest)
         alone, best = max(alone, fit.evidence, each.whole.evidence), max(best, _beside(each, fit))
     evidence, more, std = best
@@ -64,7 +64,7 @@ def _beside(pool: Pool, fit: Fit) -> tuple[float, float, float]:
     """
     equations, believed = pool.equations, EffortScale.coefficient_spread**-2.0
     links = equations.masses.astype(float)
-    beside = equations.reduced(equations.simulated, borne=False) - equations.rigid @ links
+    beside = equations.as_rows(equations.simulated, borne=False) - equations.rigid @ links
     white = equations.whiten(beside, pool.noise)
     pull = fit.precision * np.pad(links, (0, len(fit.precision) - len(links)))
     known = pool.white[:, :, pool.columns_of(fit.terms)]

@@ -14,7 +14,7 @@ from bdnn_ros.diagnosis.pushes.pushes import at_an_end, throughout
 from bdnn_ros.diagnosis.recorded.compared import Compared
 from bdnn_ros.diagnosis.regression.equations import Equations
 from bdnn_ros.diagnosis.regression.gains import by_links, rms, share_of, squares
-from bdnn_ros.diagnosis.search.leads import parted
+from bdnn_ros.diagnosis.search.leads import lead_and_delays
 from bdnn_ros.diagnosis.telling.unexplained import Remainder
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
@@ -35,7 +35,7 @@ class Case:
     Attributes:
         found: the chosen terms' estimates from all rows, in the order of the attempt's.
         remainder: their residual.
-        since: the earlier model that takes the simulation's place, if one does.
+        earlier: the earlier model that takes the simulation's place, if one does.
     """
 
     recordings: Sequence[Recording]
@@ -44,7 +44,7 @@ class Case:
     attempt: Attempt
     found: Sequence[Estimate]
     remainder: Remainder
-    since: Compared | None = None
+    earlier: Compared | None = None
 
     @cached_property
     def held(self) -> np.ndarray:
@@ -90,7 +90,7 @@ class Case:
         return np.asarray(self.extended**2 - self.floor**2)
 
     @property
-    def told(self) -> np.ndarray:
+    def predictable(self) -> np.ndarray:
         """The same at joints where inputs predict it, zero elsewhere, (n,) [(N·m)²]."""
         joints = self.equations.motion.signals.joints
         return self.left * np.array([joint in self.remainder.inputs for joint in joints])
@@ -108,17 +108,17 @@ class Case:
     @cached_property
     def lead(self) -> float:
         """Lead of efforts over the motion in the extended model, which is no finding [s]."""
-        return parted(self.attempt.fitted, self.attempt.fitted.whole)[0]
+        return lead_and_delays(self.attempt.fitted, self.attempt.fitted.whole)[0]
 
     @cached_property
     def by_lead(self) -> float:
         """Share of the simulation's squared error that this lead removes."""
         part = self.equations.nuisances[:, :, 0] * self.lead
-        return share_of(part, self.attempt.fitted.left(), self.equations.target, self.held)
+        return share_of(part, self.attempt.fitted.residual_of_all(), self.equations.target, self.held)
 
     @property
     def stays(self) -> bool:
-        """Whether all corrections were dropped, so that errors are those of the reference; see `harmless`."""
+        """Whether all corrections were dropped, so that errors are those of the reference; see `without_harm`."""
         return not (self.found or self.attempt.fitted.whole.coefficients.any())
 
     @property

@@ -42,7 +42,7 @@ def unexplained_sentence(
     Args:
         above, slight: joints where that exceeds the noise, and where it does though by little.
         named: whether there are findings.
-        poor: clause on an earlier model of which no change can be shown (see `then`); else None.
+        poor: clause on an earlier model of which no change can be shown (see `error_then`); else None.
     """
     if share > 1.0:
         return f"What was found predicts the motion that was held out worse than the {reference} does."
@@ -68,12 +68,12 @@ def unexplained_sentence(
     return "What is left looks like noise: no position, velocity, acceleration, load or time predicts it."
 
 
-def then(case: Case, above: Sequence[str]) -> str:
+def error_then(case: Case, above: Sequence[str]) -> str:
     """Clause on how much more an earlier model errs at some joints than on its own motion; empty if not known."""
-    known = None if case.since is None else getattr(case.since.model, "noise", None)
-    if known is None or case.since is None:
+    known = None if case.earlier is None else getattr(case.earlier.model, "noise", None)
+    if known is None or case.earlier is None:
         return ""
-    before, at = known * case.since.scale, [case.robot.joints.index(joint) for joint in above]
+    before, at = known * case.earlier.scale, [case.robot.joints.index(joint) for joint in above]
     times = [float(case.simulation[j] / before[j]) for j in at if before[j] > 0.0]
     if not times:
         return ""
@@ -94,7 +94,7 @@ def mostly_at(case: Case, least: float) -> list[str]:
     errors = fitted.whole.coefficients[: equations.rigid.shape[2]]
     every = equations.rigid @ errors
     of_joint = learned.columns(equations, jointwise) @ errors
-    left, total = fitted.left(), float(np.sum(equations.target[case.held] ** 2))
+    left, total = fitted.residual_of_all(), float(np.sum(equations.target[case.held] ** 2))
     counts = case.held.sum(axis=0)
 
     def removed(part: np.ndarray) -> np.ndarray:

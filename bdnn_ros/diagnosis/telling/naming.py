@@ -47,7 +47,7 @@ class Doubts:
     Attributes:
         unfit: joints at which nothing is named, (n,) bool.
         poor: joints with much error left, at which no constant push is named, (n,) bool.
-        told: squared error left above the noise where inputs predict it, see `Case.told`, (n,) [(N·m)²].
+        told: squared error left above the noise where inputs predict it, see `Case.predictable`, (n,) [(N·m)²].
     """
 
     unfit: np.ndarray

@@ -250,7 +250,7 @@ def loads(
     return notes
 
 
-def haunted(robot: Robot, findings: Sequence[Finding]) -> list[str]:
+def massless_links(robot: Robot, findings: Sequence[Finding]) -> list[str]:
     """Notes on named links or payloads whose body includes the inertia of massless links."""
     links = (one.link for one in findings if one.link and get(one.effect).on_body)
     found = ((link, weightless(robot, link)) for link in dict.fromkeys(links))

@@ -11,7 +11,7 @@ from bdnn_ros.bdnn.local_training import Sums, chosen_weights
 from bdnn_ros.bdnn.rest import POSITION, QUANTITIES, Input, RestNetwork
 from bdnn_ros.diagnosis.pushes.pushes import pushing
 from bdnn_ros.diagnosis.regression.equations import Equations
-from bdnn_ros.diagnosis.regression.gains import gain_of
+from bdnn_ros.diagnosis.regression.gains import held_out_gain
 from bdnn_ros.diagnosis.result import Diagnosis
 from bdnn_ros.diagnosis.telling.case import Case
 from bdnn_ros.diagnosis.telling.unexplained import describe
@@ -76,19 +76,19 @@ def learned(case: Case, left: np.ndarray, joints: Sequence[str]) -> Rest | None:
     if not any(_known(case.remainder.inputs.get(joint, {})) for joint in joints):
         return None
     names, counted = equations.motion.signals.joints, equations.usable
-    equations.count(counted & ~case.attempt.test[:, None])
+    equations.use_rows(counted & ~case.attempt.test[:, None])
     told = describe(equations, apart).inputs
     wanted = {names.index(joint): _known(told.get(joint, {}))[:MOST_INPUTS] for joint in joints}
     made = _made(equations, wanted)
     tried = _taught(equations, apart, made)
-    equations.count(counted)
+    equations.use_rows(counted)
     after, pushed = apart.copy(), pushing(case.attempt.fitted.terms, equations.motion.time[equations.rows])
     for one in tried:
         after[:, one.joint] -= made[one.joint][1] @ one.output_weights
 
     def gain(joints: Sequence[int]) -> tuple[float, tuple[float, float]]:
         there = np.isin(np.arange(equations.width), joints)
-        return gain_of(equations, after, case.held & there, pushed, apart)
+        return held_out_gain(equations, after, case.held & there, pushed, apart)
 
     helps = [one.joint for one in tried if gain([one.joint])[1][0] >= SURELY]
     networks = _taught(equations, left, {joint: made[joint] for joint in helps})
@@ -117,7 +117,7 @@ def _made(equations: Equations, wanted: Mapping[int, Sequence[str]]) -> Made:
         if keys:
             network = RestNetwork.silent(joint, [_input(equations, given, key) for key in keys])
             features = network.features(given[0], given[1], motion.signals.sign, given[2])
-            found[joint] = network, equations.reduced(features, borne=False)
+            found[joint] = network, equations.as_rows(features, borne=False)
     return found
 
 

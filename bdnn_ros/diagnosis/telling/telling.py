@@ -10,14 +10,14 @@ from bdnn_ros.diagnosis.pushes.pushes import pushing
 from bdnn_ros.diagnosis.recorded.velocity_filter import reported_velocity
 from bdnn_ros.diagnosis.regression.building import least_motion
 from bdnn_ros.diagnosis.regression.equations import Equations
-from bdnn_ros.diagnosis.regression.gains import gain_of
+from bdnn_ros.diagnosis.regression.gains import held_out_gain
 from bdnn_ros.diagnosis.result import Diagnosis, Finding, Verdict, reference
 from bdnn_ros.diagnosis.telling.advice import MORE, MORE_SINCE, advice
 from bdnn_ros.diagnosis.telling.alike import ALIKE, FEWEST, SETTLED, Common, common, tied, untold
 from bdnn_ros.diagnosis.telling.as_good import at_most
 from bdnn_ros.diagnosis.telling.case import Case
 from bdnn_ros.diagnosis.telling.endless import endless
-from bdnn_ros.diagnosis.telling.left import mostly_at, then, unexplained_sentence
+from bdnn_ros.diagnosis.telling.left import error_then, mostly_at, unexplained_sentence
 from bdnn_ros.diagnosis.telling.naming import Doubts, Named, beyond_links, name_of, named
 from bdnn_ros.diagnosis.telling.notes import (
     AT_AN_END,
@@ -27,9 +27,9 @@ from bdnn_ros.diagnosis.telling.notes import (
     SLIGHT,
     THROUGHOUT,
     as_it_was,
-    haunted,
     leading,
     loads,
+    massless_links,
     mended,
     mostly_links,
     of_recording,
@@ -53,16 +53,16 @@ GROWS = 1.02
 """Ratio of errors up to which they count as equal."""
 
 
-def told(case: Case, cutoff: float | None = None) -> Diagnosis:
+def diagnosis_of(case: Case, cutoff: float | None = None) -> Diagnosis:
     """The diagnosis, with errors and gain on held-out rows.
 
     Args:
         cutoff: requested low-pass [Hz]; None for the usual one.
     """
-    robot, equations, attempt, since = case.robot, case.equations, case.attempt, case.since
+    robot, equations, attempt, since = case.robot, case.equations, case.attempt, case.earlier
     near = case.near(case.extended)
     unfit = _unfit(equations, case.simulation, case.extended, near)
-    doubts = Doubts(unfit, _poor(case.simulation, case.extended, near), case.told)
+    doubts = Doubts(unfit, _poor(case.simulation, case.extended, near), case.predictable)
     names = named(robot, equations, attempt, case.found, doubts, case.at_ends | case.always)
     alike = _alike(case, names.findings)
     before = None if since is None else since.velocity_cutoff
@@ -77,13 +77,13 @@ def told(case: Case, cutoff: float | None = None) -> Diagnosis:
     said = names.unsaid <= MOST and not changing and not unseen
     jumps = [note for recording in case.recordings for note in jumping(without_glitches(recording))]
     pushed = pushing(attempt.fitted.terms, equations.motion.time[equations.rows])
-    gain, interval = gain_of(equations, attempt.extended, case.held, pushed)
+    gain, interval = held_out_gain(equations, attempt.extended, case.held, pushed)
     unclear = _unclear(case, names, 1.0 - (1.0 - min(interval[0], 1.0)) ** 2)
     of_effort = _verdict(causes, unclear, bool(near.all()) and not jumps, said)
     above = _above(robot.joints, near, case.left)
     slight = _above(robot.joints, ~near | (case.extended <= TOLD * case.floor), case.left)
     # without a sure gain over an earlier model, what it leaves is no sign of a change
-    poor = then(case, above) if since and of_effort == "cannot_tell" and interval[0] <= 0.0 else None
+    poor = error_then(case, above) if since and of_effort == "cannot_tell" and interval[0] <= 0.0 else None
     return Diagnosis(
         source=_source(case.recordings, equations),
         verdict="explained" if of_effort == "nothing_wrong" and findings else of_effort,
@@ -111,7 +111,7 @@ def _alike(case: Case, causes: Sequence[Finding]) -> Common | None:
     """One factor common to all link errors, if these are reported: named, or most of what the extended model improves."""
     named = sum(one.effect == LinkInertia.name for one in causes)
     told = case.by_links > (MOST if causes else SLIGHT)
-    if case.since is not None or case.equations.alone is not None or not (told or named >= FEWEST):
+    if case.earlier is not None or case.equations.alone is not None or not (told or named >= FEWEST):
         return None
     return common(case.equations, case.attempt.fitted)
 
@@ -132,7 +132,7 @@ def _advice(case: Case, names: Named, of_effort: Verdict) -> tuple[str, ...]:
         lambda k, rival: at_most(case.equations, case.attempt.fitted, names.weighty[k], rival),
     )
     if of_effort == "cannot_tell" and not told:
-        told = [MORE_SINCE if case.since else MORE]
+        told = [MORE_SINCE if case.earlier else MORE]
     return tuple(told)
 
 
@@ -146,7 +146,7 @@ def _notes(
     unseen: Sequence[str],
 ) -> tuple[str, ...]:
     """Notes beside findings and verdict; the gain is surely at least `least`."""
-    robot, equations, since = case.robot, case.equations, bool(case.since)
+    robot, equations, since = case.robot, case.equations, bool(case.earlier)
     error = case.attempt.fitted.link_error
     # a named dry friction may hold any effort at rest
     at_rest = () if names.findings else case.remainder.resting
@@ -161,7 +161,7 @@ def _notes(
         *one_clock(case.recordings, findings),
         *[AT_AN_END] * bool(case.at_ends),
         *[THROUGHOUT] * bool(case.always),
-        *([] if since else haunted(robot, findings)),
+        *([] if since else massless_links(robot, findings)),
         *loads(robot, findings, equations.motion.time[equations.rows], equations.motion.signals.begun),
         *unseen,
         *unnamed([(one.term, place) for one, place in silent], names.unsaid, since),
@@ -187,14 +187,14 @@ def _unseen(case: Case, names: Named) -> list[str]:
 
 def _mended(case: Case, least: float) -> list[str]:
     """Notes on unnamed improvements by the extended model, surely at least `least` of the squared error."""
-    return mended(least, case.by_links, case.by_lead, case.lead, case.equations.hold, bool(case.since))
+    return mended(least, case.by_links, case.by_lead, case.lead, case.equations.hold, bool(case.earlier))
 
 
 def _led(case: Case) -> list[str]:
     """Note on a lead of the efforts that makes up most of the improvement."""
     if case.by_lead <= max(MOST * case.gained, SLIGHT):
         return []
-    return leading(case.by_lead, case.lead, case.equations.hold, bool(case.since))
+    return leading(case.by_lead, case.lead, case.equations.hold, bool(case.earlier))
 
 
 def _unfit(

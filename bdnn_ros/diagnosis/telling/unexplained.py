@@ -133,7 +133,7 @@ def _borne_at_rest(equations: Equations, residual: np.ndarray, dry: np.ndarray |
 
     Large beyond known dry friction, which at rest may be anywhere between both directions', and beyond the noise.
     """
-    signals, usable = equations.motion.signals, equations.ever_usable
+    signals, usable = equations.motion.signals, equations.usable_before_holdout
     noise = np.array([rms(residual[rows, j]) if rows.any() else 0.0 for j, rows in enumerate(usable.T)])
     held = 2.0 * dry + NOISE * noise
     resting = signals.seen[equations.rows] & ~usable

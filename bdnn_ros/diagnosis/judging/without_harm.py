@@ -12,10 +12,10 @@ from bdnn_ros.diagnosis.judging.posterior import Estimate
 from bdnn_ros.diagnosis.pushes.pushes import pushing
 from bdnn_ros.diagnosis.regression.equations import Equations
 from bdnn_ros.diagnosis.regression.evidence import Pool
-from bdnn_ros.diagnosis.regression.gains import gain_of
+from bdnn_ros.diagnosis.regression.gains import held_out_gain
 
 
-def harmless(
+def without_harm(
     equations: Equations, attempt: Attempt, pool: Pool, found: list[Estimate]
 ) -> tuple[Attempt, Pool, list[Estimate]]:
     """An attempt, its terms in all rows and their estimates; no terms where they surely increase the held-out error.
@@ -28,10 +28,10 @@ def harmless(
         return attempt, pool, found
     if pool.terms:
         counted = equations.usable
-        equations.count(counted & ~attempt.test[:, None])
+        equations.use_rows(counted & ~attempt.test[:, None])
         fitted = Pool(equations, pool.noise, [], pool.link_error)
-        attempt = replace(attempt, judgements=[], fitted=fitted, extended=fitted.left())
-        equations.count(counted)
+        attempt = replace(attempt, judgements=[], fitted=fitted, extended=fitted.residual_of_all())
+        equations.use_rows(counted)
         pool = Pool(equations, pool.noise, [], pool.link_error)
     if _worse(equations, attempt):
         pool = still(pool)
@@ -51,5 +51,7 @@ def still(pool: Pool) -> Pool:
 def _worse(equations: Equations, attempt: Attempt) -> bool:
     """Whether the error of held-out rows surely grows."""
     pushed = pushing(attempt.fitted.terms, equations.motion.time[equations.rows])
-    _, (_, most) = gain_of(equations, attempt.extended, equations.usable & attempt.test[:, None], pushed)
+    _, (_, most) = held_out_gain(
+        equations, attempt.extended, equations.usable & attempt.test[:, None], pushed
+    )
     return most < 0.0

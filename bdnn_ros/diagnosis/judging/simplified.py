@@ -16,7 +16,7 @@ from bdnn_ros.diagnosis.search.settling import refined
 from bdnn_ros.effects.base import SHOWN
 
 
-def plainly(
+def simplified(
     candidates: Candidates, equations: Equations, attempt: Attempt
 ) -> tuple[Attempt, Pool, list[Estimate]]:
     """An attempt with insignificant laws simplified, its terms fitted to all rows without dwelling, and their estimates."""
@@ -46,7 +46,7 @@ def _exact(candidates: Candidates, equations: Equations, fitted: Pool) -> Pool:
     Shapes of friction at joints that dwell are refined again in the remaining rows.
     """
     dwelling = equations.usable & equations.dwelling
-    equations.count(equations.exact)
+    equations.use_rows(equations.exact)
     pool = _in_rows_that_count(equations, fitted)
     moved = [
         c for c, term in enumerate(pool.terms) if term.effect.in_drive and dwelling[:, term.target].any()
@@ -65,8 +65,8 @@ def _plain(
         surely: whether each law significantly exceeds what it settles into.
     """
     found = estimates(pool, pool.whole)
-    plainly = (k for k, one in enumerate(found) if not (one.shown and surely[k]))
-    settled = ((k, candidates.settled(found[k].term, equations.motion)) for k in plainly)
+    insignificant = (k for k, one in enumerate(found) if not (one.shown and surely[k]))
+    settled = ((k, candidates.settled(found[k].term, equations.motion)) for k in insignificant)
     instead = {k: plain for k, plain in settled if plain is not None}
     if not instead:
         return attempt, pool, found
@@ -84,9 +84,9 @@ def _plain(
         return refined(candidates, equations, plain, range(len(kept)), moved)
 
     counted = equations.usable
-    equations.count(counted & ~attempt.test[:, None])
+    equations.use_rows(counted & ~attempt.test[:, None])
     fitted = refitted(attempt.fitted.terms)
-    equations.count(counted)
+    equations.use_rows(counted)
     judgements = [
         attempt.judgements[k].told_as(instead[k]) if k in instead else attempt.judgements[k] for k in kept
     ]

@@ -14,7 +14,7 @@ DOUBT = 0.01
 """Relative standard deviation of that velocity."""
 
 
-def later(signals: Signals, reduced: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+def onset_columns(signals: Signals, reduced: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
     """Effort per N·m of friction and relative change of that velocity, of the k joints whose friction creeps, (R, n, k).
 
     Args:
@@ -27,7 +27,7 @@ def later(signals: Signals, reduced: Callable[[np.ndarray], np.ndarray]) -> np.n
     return np.asarray(reduced(change)[..., None] * _each(signals))
 
 
-def later_spread(signals: Signals, robot: Robot, effort: np.ndarray) -> np.ndarray:
+def onset_spread(signals: Signals, robot: Robot, effort: np.ndarray) -> np.ndarray:
     """Prior standard deviations of these columns' coefficients, (k,) [N·m], given the spread of each joint's effort, (n,).
 
     Described friction counts if larger: it may be many times what the motion takes.

@@ -18,7 +18,7 @@ def basis(columns: np.ndarray) -> np.ndarray:
     return np.asarray(spanning[:, np.abs(np.diagonal(triangle)) > NEW])
 
 
-def beyond(values: np.ndarray, spanned: np.ndarray) -> np.ndarray:
+def projected_out(values: np.ndarray, spanned: np.ndarray) -> np.ndarray:
     """Values (R,) or (R, k) with their projection on an orthonormal basis (R, b) removed."""
     return np.asarray(values - spanned @ (spanned.T @ values))
 
