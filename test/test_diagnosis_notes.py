@@ -383,7 +383,7 @@ def test_a_joint_that_moves_briefly_is_not_told_to_stand():
     """Of 100 s it moved for two, none of which was held out."""
     usable = np.ones((1000, 2), dtype=bool)
     usable[34:, 1] = False
-    signals = SimpleNamespace(at_rest=~usable, cutoff=5.0, raw_rate=100.0, rate=10.0)
+    signals = SimpleNamespace(at_rest=~usable, cutoff=5.0, own=None, raw_rate=100.0, rate=10.0)
     equations = SimpleNamespace(
         motion=SimpleNamespace(signals=signals), usable=usable, alone=0, moving=np.array([100.0, 3.4])
     )
@@ -400,16 +400,16 @@ def test_a_joint_that_moves_briefly_is_not_told_to_stand():
     assert uncompared(arm, usable[:, :1], usable[:, :1]) == []
 
 
-@pytest.mark.parametrize("longest, said", [(11.2, True), (33.4, False)])
+@pytest.mark.parametrize("longest, said", [(11.2, True), (20.4, False)])
 def test_too_little_motion_is_told_as_what_there_is_and_what_is_needed(longest, said):
     """That no joint moved for longer read as if the robot stood still."""
-    signals = SimpleNamespace(cutoff=1.5)
+    signals = SimpleNamespace(cutoff=2.5, own=None)
     equations = SimpleNamespace(
         motion=SimpleNamespace(signals=signals), alone=None, moving=np.array([3.0, longest])
     )
     told = of_recording(Robot.bundled("arm2"), equations)
     assert bool(told) == said
-    assert all(note.startswith("There are 11 s of motion") and " 34 s are needed" in note for note in told)
+    assert all(note.startswith("There are 11 s of motion") and " 20 s are needed" in note for note in told)
 
 
 @pytest.mark.parametrize(

@@ -101,8 +101,7 @@ def examine(
         robot: as the simulation has it.
         cutoff: low-pass [Hz]; None chooses.
         progress: called with a few words on the current step.
-        model: an earlier model in the simulation's place: findings are then what changed since it was identified. Sensor
-            errors that it knows are removed from the recordings first, and the robot is the model's own; see `Compared`.
+        model: an earlier model in the simulation's place: findings are what changed since it was identified; see `Compared`.
 
     Raises:
         RecordingError: no effort, too short, or no motion.
