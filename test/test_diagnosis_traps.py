@@ -60,7 +60,7 @@ def test_noise_of_the_effort_is_not_taken_for_an_elastic_joint(monkeypatch):
     equations = seen(simulate(robot, seed=2, duration=20.0, noise=noisy), robot)
     assert max(elastic_gain(equations, robot, joint) for joint in range(2)) < 3.0
     monkeypatch.setattr(Motion, "calm", equations.motion.signals.cutoff)
-    monkeypatch.setattr(Equations, "echo", lambda self, term, width: np.zeros((self.blocks, width)))
+    monkeypatch.setattr(Equations, "noise_gain", lambda self, term, width: np.zeros((self.blocks, width)))
     equations = seen(simulate(robot, seed=2, duration=20.0, noise=noisy), robot)
     assert max(elastic_gain(equations, robot, joint) for joint in range(2)) > COST, "the trap is not there"
 
