@@ -13,7 +13,6 @@ from bdnn_ros.errors import RecordingError, UsageError
 from bdnn_ros.robot import Robot
 from bdnn_ros.rollout import integrated
 from bdnn_ros.signals import Signals
-from bdnn_ros.signals.lasting import lasting
 from bdnn_ros.signals.signals import STANDING_SECONDS
 
 STILL = 1e-9
@@ -191,8 +190,7 @@ def in_motion(signals: Signals) -> np.ndarray:
 
     Elsewhere dry friction has any value up to its full one, which no motion tells.
     """
-    least = max(int(np.ceil(STANDING_SECONDS * signals.rate)), 1)
-    still = lasting(signals.at_rest | signals.hardly_moves, least)
+    still = signals.lasting(signals.at_rest | signals.hardly_moves, STANDING_SECONDS)
     if not still.any():
         return ~still
     return np.asarray(signals.smooth(signals.soften(still.astype(float))) < STILL_SHARE)

@@ -121,7 +121,7 @@ def test_a_diagnosis_looks_at_what_the_driver_read(monkeypatch):
     def looked_at(recordings, robot):
         raise RecordingError(f"{recordings[0].rate:.0f} Hz", "")
 
-    monkeypatch.setattr(diagnose, "slow_cutoff", looked_at)
+    monkeypatch.setattr(diagnose, "quiet_cutoff", looked_at)
     robot = Robot.bundled("arm2")
     sent = replace(published(driver(duration=12.0), 4), joints=robot.joints)
     with pytest.raises(RecordingError, match="250 Hz"):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bdnn_ros.diagnosis.recorded.lowpass import CUTOFFS, SLOWER, _steps, slow_cutoff, stepping
+from bdnn_ros.diagnosis.recorded.lowpass import CUTOFFS, SLOWER, _steps, quiet_cutoff, slow_cutoff, stepping
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 from bdnn_ros.signals.preparing import prepare
@@ -57,19 +57,22 @@ def swinging(frequency: float, noise: float = 1e-4, rate: float = 250.0) -> Reco
     return Recording(time, ROBOT.joints, read, None, effort)
 
 
+def slow(*recordings: Recording) -> float | None:
+    return slow_cutoff(recordings, ROBOT, quiet_cutoff(recordings, ROBOT))
+
+
 def test_slow_motion_that_noise_drowns_is_looked_at_behind_a_lower_low_pass():
-    chosen = slow_cutoff([swinging(0.1)], ROBOT)
+    chosen = slow(swinging(0.1))
     assert chosen in SLOWER
-    assert slow_cutoff([swinging(0.1, noise=1e-7)], ROBOT) is None
+    assert slow(swinging(0.1, noise=1e-7)) is None
 
 
 @pytest.mark.parametrize("others", [[], [0.1]])
 def test_motion_of_one_joint_that_is_not_slow_keeps_the_usual_low_pass(others):
-    recordings = [swinging(frequency) for frequency in (1.0, *others)]
-    assert slow_cutoff(recordings, ROBOT) is None
+    assert slow(*(swinging(frequency) for frequency in (1.0, *others))) is None
 
 
 @pytest.mark.parametrize("rate", [3.0, 8.0, 20.0])
 def test_at_a_low_rate_none_is_asked_for_that_does_not_fit_it(rate):
-    chosen = slow_cutoff([swinging(0.1, rate=rate)], ROBOT)
+    chosen = slow(swinging(0.1, rate=rate))
     assert chosen is None or chosen < min(CUTOFFS)

@@ -264,8 +264,12 @@ def _too_short(
 
 
 def _signals(recordings: Sequence[Recording], robot: Robot, cutoff: float | None) -> Signals:
-    if cutoff is None and (slow := slow_cutoff(recordings, robot)) is not None:
-        cutoff = slow / CUTOFF_OF_USUAL
-    lower = quiet_cutoff(recordings, robot) if cutoff is None else CUTOFF_OF_USUAL * cutoff
+    if cutoff is None:
+        lower = quiet_cutoff(recordings, robot)
+        slow = slow_cutoff(recordings, robot, lower)
+        if slow is not None:
+            cutoff, lower = slow / CUTOFF_OF_USUAL, slow
+    else:
+        lower = CUTOFF_OF_USUAL * cutoff
     parts = prepared_alike(recordings, cutoff)
     return flattened(concatenated(parts, [recording.time for recording in recordings]), lower)

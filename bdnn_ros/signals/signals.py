@@ -219,8 +219,7 @@ class Signals:
     @cached_property
     def standing(self) -> np.ndarray:
         """Where a joint is at rest for longer than a reversal takes, (N, n) bool."""
-        least = max(int(np.ceil(STANDING_SECONDS * self.rate)), 1)
-        return lasting(self.at_rest, least)
+        return self.lasting(self.at_rest, STANDING_SECONDS)
 
     @cached_property
     def hardly_moves(self) -> np.ndarray:
@@ -233,8 +232,11 @@ class Signals:
     @cached_property
     def resting(self) -> np.ndarray:
         """Where all joints (nearly) rest for longer than a reversal takes, (N,) bool."""
-        least = max(int(np.ceil(RESTING_SECONDS * self.rate)), 1)
-        return lasting((self.at_rest | self.hardly_moves).all(axis=1), least)
+        return self.lasting((self.at_rest | self.hardly_moves).all(axis=1), RESTING_SECONDS)
+
+    def lasting(self, flags: np.ndarray, least: float) -> np.ndarray:
+        """Flags (N, ...) bool that are set for at least so long [s]; see `lasting`."""
+        return lasting(flags, max(int(np.ceil(least * self.rate)), 1))
 
     @cached_property
     def seen(self) -> np.ndarray:

@@ -44,13 +44,12 @@ def quiet_cutoff(recordings: Sequence[Recording], robot: Robot) -> float:
     return tried[-1]
 
 
-def slow_cutoff(recordings: Sequence[Recording], robot: Robot) -> float | None:
-    """A cut-off [Hz] below the usual ones for slow motion under noise; None if a usual one suits.
+def slow_cutoff(recordings: Sequence[Recording], robot: Robot, lowest: float) -> float | None:
+    """A cut-off [Hz] below the one of `quiet_cutoff`, `lowest`, for slow motion under noise; None if that one suits.
 
     A controller that follows its encoder's noise makes efforts for accelerations that exist in the noise only: it seems to
     drive a rotor, or through a soft gear. A lower low-pass removes these and costs slow motion nothing.
     """
-    lowest = quiet_cutoff(recordings, robot)
     slower = [cutoff for cutoff in SLOWER if cutoff < lowest <= CUTOFFS[-1]]
     if not slower or _quiet(recordings, robot, lowest):
         return None
