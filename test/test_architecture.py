@@ -29,7 +29,16 @@ LEVELS = [
 ]
 HEIGHT = {room: level for level, rooms in enumerate(LEVELS) for room in rooms}
 WITHIN = {  # of rooms in a room; the modules that are not listed stand above them
-    "diagnosis": [{"result"}, {"regression"}, {"recorded"}, {"pushes"}, {"search"}, {"judging"}, {"telling"}],
+    "diagnosis": [
+        {"sentences"},
+        {"result"},
+        {"regression"},
+        {"recorded"},
+        {"pushes"},
+        {"search"},
+        {"judging"},
+        {"telling"},
+    ],
     "online": [{"changed", "stream"}],
 }
 INNER_HEIGHT = {

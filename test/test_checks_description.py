@@ -96,7 +96,8 @@ def test_a_finding_at_a_link_with_such_a_frame_is_told_of_it() -> None:
         for effect, link in (("link_inertia", "arm6_link6"), ("payload", "arm6_link5"))
     ]
     (note,) = massless_links(with_flange("0.1"), findings)
-    assert note.startswith("What is named at arm6_link6 may be no more than the described inertia of flange")
+    said = note.sentence(False)
+    assert said.startswith("What is named at arm6_link6 may be no more than the described inertia of flange")
 
 
 @pytest.mark.parametrize(

@@ -25,6 +25,7 @@ from bdnn_ros.cli.diagnose import _grouped, _probability, _rivals, _share, _toge
 from bdnn_ros.cli.main import main
 from bdnn_ros.diagnosis.recorded.lowpass import CUTOFF_OF_USUAL, CUTOFFS
 from bdnn_ros.diagnosis.result import Diagnosis, Finding, Quantity, Rival
+from bdnn_ros.diagnosis.sentences import Kind, Note
 from bdnn_ros.effects.registry import get, parse_spec
 from bdnn_ros.extension.extended import ExtendedModel
 from bdnn_ros.models import load_model, save_model
@@ -295,9 +296,10 @@ def test_where_more_than_noise_is_left_is_said_first():
     )
     diagnosis = Diagnosis({}, "partly_explained", (found,), {}, 0.9, (0.8, 0.95), 0.1, (), "", (), (), ("b",))
     for model, named in ((None, "Root causes"), (object(), "Changes")):
+        alone = replace(diagnosis, above=())
         left, unnamed, endless = (
             verdict_lines(SimpleNamespace(diagnosis=one, model=model))[0]
-            for one in (diagnosis, replace(diagnosis, above=()), replace(diagnosis, above=(), endless=True))
+            for one in (diagnosis, alone, replace(alone, noted=(Note(Kind.ENDLESS),)))
         )
         assert endless == f"{named} identified; what is told as a push may be another cause:"
         assert left == f"{named} identified; beside them more than the noise is left at b:"
@@ -307,13 +309,14 @@ def test_where_more_than_noise_is_left_is_said_first():
 def test_what_agrees_only_with_errors_that_are_no_findings_is_not_said_of_the_causes_alone():
     found = Finding("armature", "a", None, {"armature": Quantity(0.02, 0.001, "kg*m^2")}, 0.1, 0.99, (), "")
     alone = Diagnosis({}, "explained", (found,), {}, 0.9, (0.8, 0.95), 0.0, (), "", ())
-    for also, beside, parts in (
+    links, stamps = Note(Kind.MOSTLY_LINKS), Note(Kind.BY_LEAD)
+    for noted, beside, parts in (
         ((), "", "links"),
-        (("links",), " and with what is told of links below", "links"),
-        (("links", "stamps"), " and with what is told of links and stamps below", "links and stamps"),
-        (("stamps",), " and with what is told of stamps below", "links and stamps"),
+        ((links,), " and with what is told of links below", "links"),
+        ((links, stamps), " and with what is told of links and stamps below", "links and stamps"),
+        ((stamps,), " and with what is told of stamps below", "links and stamps"),
     ):
-        diagnosis = replace(alone, also=also)
+        diagnosis = replace(alone, noted=noted)
         first = verdict_lines(SimpleNamespace(diagnosis=diagnosis, model=None))[0]
         assert first == f"Root causes identified; with them{beside} the model agrees with the data:"
         assert claim(diagnosis).startswith(f"With this cause and its {parts} corrected the model")

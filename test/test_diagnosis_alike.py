@@ -9,6 +9,7 @@ from diagnosis_cases import equations_of, white
 from bdnn_ros.diagnosis.regression.evidence import Pool
 from bdnn_ros.diagnosis.regression.term import Term
 from bdnn_ros.diagnosis.result import Finding, Quantity, Rival
+from bdnn_ros.diagnosis.sentences import Kind
 from bdnn_ros.diagnosis.telling.alike import Common, common, tied, untold
 from bdnn_ros.effects.registry import get
 from bdnn_ros.robot import PER_LINK, Robot
@@ -72,6 +73,4 @@ def test_links_that_agree_on_a_factor_are_a_tie_with_the_unit_of_the_efforts():
         ([agree] * 3, Common(1.5, 0.02)),
     ):
         assert tied(findings, factor) == findings and not untold(findings)
-    assert "an effort_scale of 0.80 at all joints" in alike.said(
-        "an effort_scale of {scale:.2f} at all joints"
-    )
+    assert "an effort_scale of 0.80 at all joints" in alike.note(Kind.ALIKE).sentence(False)

@@ -11,6 +11,7 @@ from diagnosis_cases import equations_of, term, white
 from bdnn_ros.diagnosis.diagnose import diagnose
 from bdnn_ros.diagnosis.judging.posterior import estimates
 from bdnn_ros.diagnosis.regression.evidence import Pool
+from bdnn_ros.diagnosis.sentences import Kind
 from bdnn_ros.diagnosis.telling.endless import endless
 from bdnn_ros.effects.registry import parse_spec
 from bdnn_ros.report.words import claim
@@ -45,7 +46,7 @@ def test_a_push_is_seen_to_begin_and_to_end_or_pulls_as_a_weight(spec, unseen):
         one = one.shaped(shape)
     pool = Pool(equations, model, [one], 1e-3)
     (estimate,) = estimates(pool, pool.whole)
-    told = endless(estimate, "the tool", equations)
+    told = [note.sentence(False) for note in endless(estimate, "the tool", equations)]
     assert [f"the tool {unseen} is not seen" in one for one in told] == [True] * bool(unseen)
 
 
@@ -63,7 +64,7 @@ def test_what_lasts_all_through_one_of_several_recordings_may_be_a_drift_of_each
     pool = Pool(equations, model, [one], 1e-3)
     (estimate,) = estimates(pool, pool.whole)
     (told,) = endless(estimate, "the tool", equations)
-    assert ("diagnose them one by one" in told) == whole
+    assert ("diagnose them one by one" in told.sentence(False)) == whole
 
 
 def crept(amount: float, seconds: float) -> tuple[Robot, object]:
@@ -80,7 +81,7 @@ def test_a_zero_that_creeps_is_not_explained_by_a_push():
     robot, recording = crept(0.08, 8.0)
     told = diagnose([recording], robot)
     assert told.verdict == "partly_explained"
-    assert any("begins is not seen" in note for note in told.notes)
+    assert any("begins is not seen" in note for note in told.notes) and Kind.ENDLESS in told.kinds
     assert claim(told).endswith("what is told as a push may be another cause.")
 
 

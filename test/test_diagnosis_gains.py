@@ -12,6 +12,7 @@ from bdnn_ros.diagnosis.regression.gains import Removal, held_out_gain, noticeab
 from bdnn_ros.diagnosis.regression.term import Term
 from bdnn_ros.diagnosis.result import Quantity
 from bdnn_ros.diagnosis.telling import naming
+from bdnn_ros.diagnosis.telling.case import Case
 from bdnn_ros.effects.registry import get
 from bdnn_ros.robot import Robot
 
@@ -245,8 +246,9 @@ def findings_of(
     attempt = SimpleNamespace(
         test=test, judgements=[judgement], fitted=SimpleNamespace(link_error=0.05), extended=None
     )
-    arm, fit = Robot.bundled("arm2"), np.zeros(1, bool)
-    doubts = naming.Doubts(fit, np.array([poor]), np.array([told]))
-    names = naming.named(arm, equations, attempt, [estimate], doubts, set())
+    doubts = naming.Doubts(np.zeros(1, bool), np.array([poor]), np.array([told]))
+    case = Case([], Robot.bundled("arm2"), equations, attempt, [estimate], SimpleNamespace())
+    case.__dict__.update(at_ends=set(), always=set())
+    names = naming.named(case, doubts)
     assert names.silent == ([] if names.findings or names.unknown else [0])
     return names.findings, names.doubtful or bool(names.unknown)

@@ -17,7 +17,8 @@ from bdnn_ros.diagnosis.recorded.joining import (
     stretches,
 )
 from bdnn_ros.diagnosis.result import Finding, Quantity
-from bdnn_ros.diagnosis.telling.notes import AT_AN_END, one_clock
+from bdnn_ros.diagnosis.sentences import Kind
+from bdnn_ros.diagnosis.telling.notes import one_clock
 from bdnn_ros.effects.environment import EDGES
 from bdnn_ros.effects.registry import parse_spec
 from bdnn_ros.recording import Recording
@@ -94,7 +95,7 @@ def test_what_is_cut_away_moves_no_time_of_what_is_left(first):
         recordings = [before, after]
         joined = concatenated(prepared_alike(recordings), [recording.time for recording in recordings])
         (note,) = one_clock(recordings, [push])
-        told = [float(words.split(" s")[0]) for words in note.split("begins at ")[1:]]
+        told = [one.values["start"] for one in note.values["begin"]]
         assert told == pytest.approx([0.0, before.time[-1] + 1.0 - min(after.time[0], 0.0)], abs=0.051)
         for recording, begin in zip(recordings, own_zeros([before.time, after.time]), strict=True):
             at = begin + first + 15.0
@@ -119,7 +120,7 @@ def test_what_pushes_at_an_inner_end_only_is_at_an_end(first):
     """A filter makes the same of every recording's ends, wherever it comes in a row."""
     pushed = recorded(2, "external_wrench@arm2_joint2:torque=3,start=19.45,end=99")
     found = diagnose([pushed, recorded(1)] if first else [recorded(1), pushed], ARM)
-    assert found.findings == () and AT_AN_END in found.notes
+    assert found.findings == () and Kind.AT_AN_END in found.kinds
 
 
 def test_every_row_is_of_the_recording_that_began_last():

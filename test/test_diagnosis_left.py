@@ -13,6 +13,7 @@ from bdnn_ros.diagnosis.regression.building import build
 from bdnn_ros.diagnosis.regression.coloring import noise_of
 from bdnn_ros.diagnosis.regression.equations import Equations
 from bdnn_ros.diagnosis.regression.evidence import Pool
+from bdnn_ros.diagnosis.sentences import Kind
 from bdnn_ros.diagnosis.telling.case import Case
 from bdnn_ros.diagnosis.telling.left import error_then, mostly_at
 from bdnn_ros.diagnosis.telling.unexplained import Remainder
@@ -53,9 +54,9 @@ def test_most_of_what_is_mended_is_told_with_its_joint():
     attempt = Attempt(test, [], pool, pool.residual_of_all())
     remainder, since = Remainder(np.ones(2), {}, np.zeros((1, 2))), Compared.of(model(), model().robot)
     case = Case((), model().robot, equations, attempt, (), remainder, since)
-    (said,) = mostly_at(case, 0.5)
-    assert f"at {SECOND}, " in said and "friction" in said
-    assert mostly_at(case, 0.05) == [] == mostly_at(replace(case, equations=against(False)), 0.5)
+    (note,) = mostly_at(case, 0.5)
+    assert note.values["joint"] == SECOND and note.values["does"].kind is Kind.OF_JOINT
+    assert not [*mostly_at(case, 0.05), *mostly_at(replace(case, equations=against(False)), 0.5)]
     times = float(case.simulation[1] / model().noise[1])
-    assert f"errs {times:.1f} times as much" in error_then(case, (SECOND,))
+    assert f"errs {times:.1f} times as much" in error_then(case, (SECOND,)).sentence(True)
     assert error_then(replace(case, earlier=None), (SECOND,)) == ""

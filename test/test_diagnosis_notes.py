@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -16,11 +17,21 @@ from bdnn_ros.diagnosis.judging.posterior import Estimate
 from bdnn_ros.diagnosis.regression.term import Term
 from bdnn_ros.diagnosis.result import Finding, Quantity
 from bdnn_ros.diagnosis.search.leads import lead_and_delays
+from bdnn_ros.diagnosis.sentences import Kind, Note
 from bdnn_ros.diagnosis.telling.advice import advice
-from bdnn_ros.diagnosis.telling.left import unexplained_sentence
+from bdnn_ros.diagnosis.telling.endless import loads
+from bdnn_ros.diagnosis.telling.left import unexplained
 from bdnn_ros.diagnosis.telling.naming import Named, beyond_links
-from bdnn_ros.diagnosis.telling.notes import loads, mostly_links, of_recording, uncompared, unknown, unnamed
-from bdnn_ros.diagnosis.telling.telling import _above, _advice, _led
+from bdnn_ros.diagnosis.telling.notes import (
+    mostly_lead,
+    mostly_links,
+    of_recording,
+    uncompared,
+    unknown,
+    unnamed,
+)
+from bdnn_ros.diagnosis.telling.outcome import Outcome
+from bdnn_ros.diagnosis.telling.telling import _advice
 from bdnn_ros.diagnosis.telling.unexplained import Remainder
 from bdnn_ros.effects.registry import get, parse_spec
 from bdnn_ros.robot import Robot
@@ -52,6 +63,10 @@ def test_what_the_extended_model_mends_without_a_name_is_told_by_its_reason():
     assert of_links.startswith("Errors of the links' masses and inertias")
 
 
+def said_of(notes: Iterable[Note], since: bool = False) -> list[str]:
+    return [note.sentence(since) for note in notes]
+
+
 def pull(force: tuple[float, float, float], start: float, end: float) -> Finding:
     values = {"start": start, "end": end, **dict(zip(("force_x", "force_y", "force_z"), force, strict=True))}
     parameters = {name: Quantity(value, 0.1, "") for name, value in values.items()}
@@ -71,7 +86,7 @@ def pull(force: tuple[float, float, float], start: float, end: float) -> Finding
     ids=["taken up", "put down", "a push", "there all the time", "upwards", "aside"],
 )
 def test_a_push_that_may_be_a_load_is_said_to(force, start, end, said):
-    notes = loads(ARM, [pull(force, start, end)], TIME)
+    notes = said_of(loads(ARM, [pull(force, start, end)], TIME))
     assert len(notes) == bool(said) and all(said in note for note in notes)
 
 
@@ -91,7 +106,7 @@ def test_a_push_that_may_be_a_load_is_said_to(force, start, end, said):
 def test_a_load_may_be_of_one_of_several_recordings(start, end, said):
     """Each has ends of its own, from 0 to 10 s, 11 to 20 s and 21 to 30 s."""
     time = np.concatenate([np.linspace(begin, last, 90) for begin, last in ((0, 10), (11, 20), (21, 30))])
-    notes = loads(ARM, [pull((0.0, 0.0, -9.81), start, end)], time, (0.0, 11.0, 21.0))
+    notes = said_of(loads(ARM, [pull((0.0, 0.0, -9.81), start, end)], time, (0.0, 11.0, 21.0)))
     assert len(notes) == bool(said) and all(said in note for note in notes)
 
 
@@ -183,11 +198,11 @@ def test_a_link_that_never_turns_has_to_be_weighed():
 
 def test_what_has_no_name_is_told_by_whether_the_model_holds_it():
     offset, push = Term(get("effort_offset"), 0), Term(get("external_wrench", "link"), 5, "arm6_link6")
-    held, left = unnamed([(offset, "arm6_joint1"), (push, "arm6_link6")], 0.004, False)
+    held, left = said_of(unnamed([(offset, "arm6_joint1"), (push, "arm6_link6")], 0.004))
     assert held.endswith("in the extended model, which it helps: an effort offset at arm6_joint1.")
     assert "not in the extended model" in left and left.endswith("something that pushes at arm6_link6.")
-    assert unnamed([], 0.0, False) == []
-    (held,) = unnamed([(offset, "arm6_joint1")], 0.34, True)
+    assert not list(unnamed([], 0.0))
+    (held,) = said_of(unnamed([(offset, "arm6_joint1")], 0.34), since=True)
     assert held.endswith("an effort offset at arm6_joint1 (34 % of the earlier model's squared error).")
 
 
@@ -195,17 +210,17 @@ def test_a_payload_whose_mass_may_be_nothing_is_told_as_a_centre_of_mass_first()
     """A link that was a twentieth off read as a finding, a payload."""
     mass = {"mass": Quantity(1.02, 1.67, "kg")}
     found = SimpleNamespace(term=Term(get("payload"), 1, "forearm"), quantities=mass)
-    (said,) = unknown([(found, "forearm", True)])
+    (said,) = said_of(unknown([(found, "forearm", True)]))
     first, other = said.split("a centre of mass of forearm that is elsewhere than in the model, or ")
     assert "payload" not in first and other.startswith(
         "a payload at forearm, mass 1 ± 2 kg, which may be nothing, or a rotor's inertia"
     )
-    (said,) = unknown([(found, "forearm", False)])
+    (said,) = said_of(unknown([(found, "forearm", False)]))
     assert (
         "payload" not in said
         and "inertia of forearm beyond the model's, as a rotor that moves it has" in said
     )
-    assert unknown([]) == []
+    assert not list(unknown([]))
 
 
 @pytest.mark.parametrize(("late", "kept"), [([0], -4e-3), ([0, 1], -2e-3)])
@@ -245,63 +260,78 @@ def test_what_a_link_may_be_off_by_anyway_is_not_surely_there(values, weighs, th
     assert not beyond_links(equations, 0.02, unsure)
 
 
+def left(share, remainder, above=(), named=True, slight=(), since=None) -> str:
+    """The sentence on what is left; beside an earlier model (`since`) of one of which no change can be shown."""
+    case = SimpleNamespace(share_left=share, remainder=remainder, earlier=since)
+    outcome = SimpleNamespace(case=case, above=above, slight=slight, causes=["a cause"] * named)
+    outcome.verdict, outcome.surely = "cannot_tell" if since else "explained", 0.0
+    return unexplained(outcome).sentence(bool(since))
+
+
 @pytest.mark.parametrize(
     ("share", "above", "said"),
     [
-        (0.031, ("j2",), "3.1 % of the URDF's squared error is left above the noise, at j2; no position"),
+        (
+            0.031,
+            ("j2",),
+            "3.1 % of the simulation's squared error is left above the noise, at j2; no position",
+        ),
         (
             0.0001,
             ("j1", "j3"),
-            "Less than 0.1 % of the URDF's squared error is left above the noise, at j1, j3;",
+            "Less than 0.1 % of the simulation's squared error is left above the noise, at j1, j3;",
         ),
         (0.0, (), "What is left looks like noise"),
     ],
 )
 def test_what_is_left_is_told_with_its_place(share, above, said):
     remainder = Remainder(np.ones(3), {}, np.zeros((1, 3)))
-    assert unexplained_sentence(share, remainder, above, "URDF").startswith(said)
+    assert left(share, remainder, above).startswith(said)
     depends = replace(remainder, inputs={joint: {"j1.velocity": 1.0} for joint in above or ("j1",)})
-    assert "; it depends on j1.velocity" in unexplained_sentence(0.1, depends, above, "URDF")
+    assert "; it depends on j1.velocity" in left(0.1, depends, above)
 
 
 def test_what_is_left_is_told_to_depend_on_what_it_does_where_it_is_left():
     """Inputs of joints at which no more than noise is left were told of those at which more is."""
     inputs = {"j1": {"j1.load": 0.2, "time": 0.3}, "j2": {"j2.load": 9.0}}
     remainder = Remainder(np.ones(3), inputs, np.zeros((1, 3)))
-    assert unexplained_sentence(0.1, remainder, ("j3", "j1"), "URDF").endswith(
+    assert left(0.1, remainder, ("j3", "j1")).endswith(
         "left above the noise, at j3, j1; at j1 it depends on time, j1.load."
     )
-    assert "; no position" in unexplained_sentence(0.1, remainder, ("j3",), "URDF")
-    assert "; it depends on j2.load, time, j1.load." in unexplained_sentence(0.0, remainder, (), "URDF")
+    assert "; no position" in left(0.1, remainder, ("j3",))
+    assert "; it depends on j2.load, time, j1.load." in left(0.0, remainder)
 
 
 def test_an_earlier_model_is_not_blamed_for_what_it_left_before():
     """Where no change can be shown, a large share would read as a large fault."""
     remainder = Remainder(np.ones(3), {}, np.zeros((1, 3)))
-    said = unexplained_sentence(0.943, remainder, ("j2",), "earlier model", False, (), " (then)")
+    since = SimpleNamespace(model=None)
+    said = left(0.943, remainder, ("j2",), False, (), since)
     assert said.startswith("The earlier model does not describe this motion down to its noise")
-    assert "or not (then): 94.3 % of its squared error is left above that, at j2; no position" in said
-    quiet = unexplained_sentence(0.943, remainder, (), "earlier model", False, (), "")
+    assert "or not: 94.3 % of its squared error is left above that, at j2; no position" in said
+    quiet = left(0.943, remainder, (), False, (), since)
     assert quiet.startswith("What is left looks like noise")
 
 
 def test_joints_are_told_in_the_order_of_what_is_left():
     near, left = np.array([False, True, False]), np.array([0.1, 5.0, 3.0])
-    assert _above(("j1", "j2", "j3"), near, left) == ("j3", "j1")
+    case = SimpleNamespace(robot=SimpleNamespace(joints=("j1", "j2", "j3")), left=left, extended=left)
+    case.near = lambda error: near
+    assert Outcome(case).above == ("j3", "j1")
 
 
 def test_all_of_an_error_that_is_hardly_more_than_noise_may_be_left():
     """Nothing is named, and nothing wrong: a share of next to nothing would frighten."""
     remainder = Remainder(np.ones(3), {}, np.zeros((1, 3)), ("j2",))
-    said = unexplained_sentence(0.3, remainder, (), "URDF", named=False)
+    said = left(0.3, remainder, named=False)
     assert said.startswith("What is left is hardly more than noise, in bursts at j2")
-    assert "30.0 %" in unexplained_sentence(0.3, remainder, ("j2",), "URDF", named=False)
+    assert "30.0 %" in left(0.3, remainder, ("j2",), named=False)
 
 
 @pytest.mark.parametrize(
     ("named", "said"),
     [
-        (True, "Less than 0.1 % of the URDF's squared error is left above the noise, at j2"),
+        (True, "Less than 0.1 % of the simulation's squared error is left above the noise, at j2"),
         (False, "What is left is small, but more than twice the noise at j2"),
     ],
 )
@@ -309,18 +339,21 @@ def test_all_of_an_error_that_is_hardly_more_than_noise_may_be_left():
 def test_what_is_twice_the_noise_is_told_with_its_place_though_it_is_little(named, said, bursts):
     """A joint at seven times its floor was said to look like noise, or to be hardly more."""
     remainder = Remainder(np.ones(3), {}, np.zeros((1, 3)), bursts)
-    told = unexplained_sentence(0.0, remainder, (), "URDF", named, ("j2",))
+    told = left(0.0, remainder, (), named, ("j2",))
     assert told.startswith(said) and "; no position" in told
     elsewhere = replace(remainder, inputs={"j1": {"j1.load": 1.0}})
-    assert unexplained_sentence(0.0, elsewhere, (), "URDF", named, ("j2",)) == told
+    assert left(0.0, elsewhere, (), named, ("j2",)) == told
 
 
 def test_that_links_errors_make_up_most_is_said_where_they_do():
-    (note,) = mostly_links(0.74, False, since=False)
+    def said(share: float, far_off: bool) -> list[str]:
+        return said_of(mostly_links(SimpleNamespace(by_links=share, far_off=far_off)))
+
+    (note,) = said(0.74, False)
     assert "74 % of the simulation's squared error" in note and "wrong units" not in note
-    (note,) = mostly_links(1.71, True, since=False)  # causes may undo some of it
+    (note,) = said(1.71, True)  # causes may undo some of it
     assert "100 % of" in note and "wrong units" in note
-    assert mostly_links(0.3, True, since=False) == []
+    assert said(0.3, True) == []
 
 
 @pytest.mark.parametrize(
@@ -332,7 +365,7 @@ def test_a_lead_that_makes_up_most_of_what_is_gained_is_told_beside_causes(by_le
     case = SimpleNamespace(
         by_lead=by_lead, gained=gained, lead=lead, equations=SimpleNamespace(hold=2e-3), earlier=None
     )
-    notes = _led(case)
+    notes = said_of(mostly_lead(case))
     assert len(notes) == told
     assert not told or notes[0].startswith("Efforts are stamped 4.0 ms too late for the motion")
 
@@ -374,7 +407,8 @@ def test_a_joint_is_told_to_be_alone_where_it_moves_alone_or_is_measured_alone(m
         made = replace(made, position=made.position * one, velocity=None)
     else:
         made = replace(made, effort=made.require_effort() * one)
-    told = " ".join(diagnose([made], Robot.bundled("arm2")).notes)
+    (alone,) = (one for one in diagnose([made], Robot.bundled("arm2")).noted if one.kind is Kind.ALONE)
+    told = alone.sentence(False)
     assert ("Only arm2_joint1 moves" in told and "Move several" in told) == measured
     assert ("Record the efforts of arm2_joint2, too" in told) != measured
 
@@ -388,16 +422,16 @@ def test_a_joint_that_moves_briefly_is_not_told_to_stand():
         motion=SimpleNamespace(signals=signals), usable=usable, alone=0, moving=np.array([100.0, 3.4])
     )
     arm = Robot.bundled("arm2")
-    (alone,) = of_recording(arm, equations)
+    (alone,) = said_of(of_recording(arm, equations))
     assert alone.startswith("Only arm2_joint1 has an effort that was measured in motion for more than 5 %")
     held = usable & (np.arange(1000) >= 800)[:, None]
     (brief,) = uncompared(arm, usable, held)
-    assert "arm2_joint2" in brief and "too briefly" in brief and "does not move" not in brief
+    assert brief == Note(Kind.NOT_HELD_OUT, {"joints": ["arm2_joint2"]})
     usable[:, 1] = False
-    (still,) = uncompared(arm, usable, held & usable)
+    (still,) = said_of(uncompared(arm, usable, held & usable))
     assert "arm2_joint2 is compared: it does not move" in still
-    assert of_recording(arm, equations)[0].startswith("Only arm2_joint1 moves: ")
-    assert uncompared(arm, usable[:, :1], usable[:, :1]) == []
+    assert said_of(of_recording(arm, equations))[0].startswith("Only arm2_joint1 moves: ")
+    assert not list(uncompared(arm, usable[:, :1], usable[:, :1]))
 
 
 @pytest.mark.parametrize("longest, said", [(11.2, True), (20.4, False)])
@@ -407,7 +441,7 @@ def test_too_little_motion_is_told_as_what_there_is_and_what_is_needed(longest, 
     equations = SimpleNamespace(
         motion=SimpleNamespace(signals=signals), alone=None, moving=np.array([3.0, longest])
     )
-    told = of_recording(Robot.bundled("arm2"), equations)
+    told = said_of(of_recording(Robot.bundled("arm2"), equations))
     assert bool(told) == said
     assert all(note.startswith("There are 11 s of motion") and " 20 s are needed" in note for note in told)
 
@@ -423,5 +457,8 @@ def test_too_little_motion_is_told_as_what_there_is_and_what_is_needed(longest, 
 def test_where_nothing_can_be_told_there_is_something_to_do(verdict, since, said):
     """Though nothing is in doubt that a motion of its own would settle."""
     case = SimpleNamespace(found=[], attempt=SimpleNamespace(judgements=[]), robot=ARM, earlier=since)
-    told = _advice(case, Named([], False, [], [], [], 0.0, 0.0), verdict)
+    outcome = Outcome(case)
+    names = Named([], False, [], [], [], 0.0, 0.0)
+    outcome.__dict__.update(names=names, verdict=verdict, alike=None)
+    told = _advice(outcome)
     assert len(told) == len(said) and all(map(str.startswith, told, said))

@@ -16,7 +16,8 @@ from bdnn_ros.diagnosis.regression.noise import Noise
 from bdnn_ros.diagnosis.regression.term import Term
 from bdnn_ros.diagnosis.search.candidates import Candidates
 from bdnn_ros.diagnosis.search.search import Selection
-from bdnn_ros.diagnosis.telling import telling
+from bdnn_ros.diagnosis.telling.naming import Doubts
+from bdnn_ros.diagnosis.telling.outcome import Outcome
 from bdnn_ros.effects.registry import get, variants
 from bdnn_ros.robot import Robot
 
@@ -285,19 +286,28 @@ def pool_with_law(spec, *beside):
 )
 def test_nothing_is_named_where_held_out_errors_grow(extended, named):
     """By share of each joint's effort, or in all: what helps a wrist is no cause where it harms the shoulder."""
-    equations = equations_of(duration=30.0)
+    equations, near = equations_of(duration=30.0), np.zeros(2, bool)
     equations.effort_scale = np.array([20.0, 0.5])
-    near = np.zeros(2, bool)
-    unfit = telling._unfit(equations, np.array([1.0, 0.1]), np.array(extended), near)
+    case = SimpleNamespace(equations=equations, simulation=np.array([1.0, 0.1]), extended=np.array(extended))
+    case.predictable, case.near = near, lambda error: near
+    unfit = Doubts.of(case).unfit
     assert not unfit.any() if named else unfit.all()
-    assert not telling._unfit(equations, np.array([1.0, 0.1]), np.array(extended), ~near).any()
+    case.near = lambda error: ~near
+    assert not Doubts.of(case).unfit.any()
 
 
 @pytest.mark.parametrize(
     ("near", "said", "verdict"),
     [(True, True, "explained"), (True, False, "partly_explained"), (False, True, "partly_explained")],
 )
-def test_causes_explain_a_recording_where_little_is_left_and_little_has_no_name(near, said, verdict):
-    causes = [SimpleNamespace()]
-    assert telling._verdict(causes, False, near, said) == verdict
-    assert telling._verdict([], False, True, said) == "nothing_wrong"
+def test_causes_explain_a_recording_where_little_is_left_and_little_has_no_name(
+    monkeypatch, near, said, verdict
+):
+    monkeypatch.setattr(Outcome, "_unclear", False)
+    case = SimpleNamespace(extended=0.0, near=lambda error: np.array([near]))
+    case.attempt = SimpleNamespace(judgements=[])
+    known = {"names": SimpleNamespace(unsaid=0.4 if said else 0.6), "doubted": [], "jumps": []}
+    for causes, told in (([SimpleNamespace()], verdict), ([], "nothing_wrong" if near else "cannot_tell")):
+        outcome = Outcome(case)
+        outcome.__dict__.update(known, causes=causes)
+        assert outcome.verdict == told

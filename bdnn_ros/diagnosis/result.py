@@ -10,6 +10,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from bdnn_ros.diagnosis.sentences import SINCE, Kind, Note
 from bdnn_ros.effects.environment import EDGES
 from bdnn_ros.effects.registry import EFFECTS
 from bdnn_ros.written import whole
@@ -97,10 +98,9 @@ class Diagnosis:
             rest, with its bounds at 95 %; None where they learned nothing.
         advice: what to do next.
         notes: remarks on the recordings and the findings.
-        above: joints whose extended-model error exceeds the noise, largest first; not in diagnosis.json, nor are the next three.
+        above: joints whose extended-model error exceeds the noise, largest first; not in diagnosis.json, nor are the next two.
         slight: joints whose error exceeds twice the noise, though by too little to matter.
-        also: "links", "stamps": corrections that are no findings but make up most of what the extended model improves.
-        endless: whether a push is named whose start or end is not seen, so that it may be another cause.
+        noted: what the notes say, except for those of the recordings.
     """
 
     source: Mapping[str, Any]
@@ -116,14 +116,28 @@ class Diagnosis:
     notes: tuple[str, ...] = field(default=())
     above: tuple[str, ...] = field(default=())
     slight: tuple[str, ...] = field(default=())
-    also: tuple[str, ...] = field(default=())
-    endless: bool = False
+    noted: tuple[Note, ...] = field(default=())
     learned: tuple[float, float, float] | None = None
 
     @property
     def stays(self) -> bool:
         """Whether the extended model is the reference (simulation or earlier model) unchanged: both have the same error."""
         return not self.findings and self.gain == 0.0 and self.gain_interval == (0.0, 0.0)
+
+    @property
+    def kinds(self) -> set[Kind]:
+        """Kinds of its notes."""
+        return {note.kind for note in self.noted}
+
+    @property
+    def also(self) -> tuple[str, ...]:
+        """Corrections that are no findings but make up most of what the extended model improves beside some."""
+        return ("links",) * (Kind.MOSTLY_LINKS in self.kinds) + ("stamps",) * (Kind.BY_LEAD in self.kinds)
+
+    @property
+    def endless(self) -> bool:
+        """Whether something is named that another cause that changed may imitate, as a push that is not seen to end."""
+        return not self.kinds.isdisjoint({Kind.ENDLESS, Kind.WITH_TIME})
 
     def as_json(self) -> dict[str, Any]:
         """The contract's diagnosis.json."""
@@ -200,7 +214,7 @@ def place(joint: str | None, link: str | None, effect: str) -> str:
 
 def reference(since: bool) -> str:
     """What a recording is compared with: the earlier model if `since`, else the simulation."""
-    return "earlier model" if since else "simulation"
+    return str(SINCE[since]["reference"])
 
 
 def remaining(share: float) -> str:

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 
 from bdnn_ros.diagnosis.judging.identifiability import TIE
 from bdnn_ros.diagnosis.result import Diagnosis, Finding, Quantity, Rival, place, reference, remaining
-from bdnn_ros.diagnosis.telling.notes import SLIGHT
+from bdnn_ros.diagnosis.telling.case import SLIGHT
 from bdnn_ros.effects.base import Change, Parameter
 from bdnn_ros.effects.drift import Drift
 from bdnn_ros.effects.registry import ALL, get

@@ -13,11 +13,6 @@ from bdnn_ros.effects.rigid import Armature
 from bdnn_ros.robot import Robot
 from bdnn_ros.robot.axes import spins
 
-WIDER = "of all joints together, over wider ranges, slow and fast; `bdnn excite` makes such a motion."
-MORE = f"No cause stands out in this motion: record more {WIDER}"
-MORE_SINCE = f"Identify the earlier model from more motion, and record more to compare with it, {WIDER}"
-"""Advice where nothing can be told and no tie suggests a motion of its own."""
-
 
 def advice(
     found: Sequence[Estimate],
@@ -42,7 +37,9 @@ def advice(
         looks, close = looked_for(term, values, close, causes, robot, places)
         sentences += looks
         no_more = {rival: share for rival in close if (share := at_most(k, rival)) is not None}
-        sentences += [as_good(term, rival, places(term), share) for rival, share in no_more.items()]
+        sentences += [
+            as_good(term, rival, places(term), share).sentence(False) for rival, share in no_more.items()
+        ]
         close = [rival for rival in close if rival not in no_more]
         passed = [rival for rival in close if rival.effect.timed is not term.effect.timed]
         lasting = [rival for rival in close if rival not in passed]

@@ -13,6 +13,7 @@ from bdnn_ros.diagnosis.regression.evidence import Pool
 from bdnn_ros.diagnosis.regression.fit import Fit
 from bdnn_ros.diagnosis.result import Finding, Rival
 from bdnn_ros.diagnosis.search.search import LINK_ERRORS
+from bdnn_ros.diagnosis.sentences import Kind, Note
 from bdnn_ros.effects.actuation import EffortScale
 from bdnn_ros.effects.rigid import LinkInertia
 
@@ -22,14 +23,6 @@ FEWEST = 3
 """Fewest named links with about the same factor that may all be right, with the efforts' unit wrong."""
 AGREES = 2.0
 """Distance in standard deviations of both within which a link's factor agrees with the common one."""
-ALIKE = (
-    "What the links are off by is nearly one factor, {factor:.2f} ± {std:.1g}. Efforts that are reported {factor:.2f} times as "
-    "large as they act would do the same: an effort_scale of {scale:.2f} at all joints, as of a wrong torque constant or unit."
-)
-SETTLED = (
-    "Whether all links weigh {factor:.2f} times what the model says or all efforts are reported {factor:.2f} times as large as "
-    "they act, no motion shows: weigh a link or hang a known mass at the flange, and check torque constants and units."
-)
 
 
 @dataclass(frozen=True)
@@ -39,9 +32,9 @@ class Common:
     factor: float
     std: float
 
-    def said(self, sentence: str) -> str:
-        """A sentence with these values filled in."""
-        return sentence.format(factor=self.factor, std=self.std, scale=1.0 / self.factor)
+    def note(self, kind: Kind) -> Note:
+        """A note of it."""
+        return Note(kind, {"factor": self.factor, "std": self.std, "scale": 1.0 / self.factor})
 
 
 def common(equations: Equations, fitted: Pool) -> Common | None:

@@ -12,25 +12,17 @@ from bdnn_ros.diagnosis.regression.gains import MINIMUM_SHARE
 from bdnn_ros.diagnosis.regression.noise import rms
 from bdnn_ros.diagnosis.regression.odds import contains
 from bdnn_ros.diagnosis.regression.term import Term
+from bdnn_ros.diagnosis.sentences import Kind, Note
 from bdnn_ros.effects.base import SHOWN
 
-AS_GOOD = (
-    "What {richer} at {place} would do beyond {plain} is less than {percent:.2g} % of its effort by this motion: either will do, "
-    "and no other motion need tell them apart."
-)
-"""Sentence on a tie of laws that differ by less than would be named."""
-SEEN = (
-    "{Richer} of a usual size at {place} would have shown in this motion: beyond {plain} it is at most {percent:.2g} % of its "
-    "effort. Only a far longer recording of such motions shows what is smaller; without it {plain} will do."
-)
-"""Sentence on a tie that this motion left open though it would show a usual excess."""
 
-
-def as_good(plain: Term, richer: Term, place: str, share: float) -> str:
-    """Sentence on a richer law that exceeds a simpler one by at most this share of the effort."""
+def as_good(plain: Term, richer: Term, place: str, share: float) -> Note:
+    """Advice on a richer law that exceeds a simpler one by at most this share of the effort."""
     title = richer.title
     told = {"Richer": title[0].upper() + title[1:], "richer": title, "place": place, "plain": plain.title}
-    return (AS_GOOD if share < MINIMUM_SHARE else SEEN).format(percent=100.0 * share, **told)
+    return Note(
+        Kind.AS_GOOD if share < MINIMUM_SHARE else Kind.WOULD_SHOW, {**told, "percent": 100.0 * share}
+    )
 
 
 def at_most(equations: Equations, fitted: Pool, one: int, rival: Term) -> float | None:

@@ -21,6 +21,10 @@ from bdnn_ros.robot import Robot
 
 USUAL_LINK_ERROR = 0.1
 """Relative link error that any description may have."""
+SLIGHT = 0.1
+"""Share of the squared error that unnamed corrections must surely remove to be worth a note."""
+MOST = 0.5
+"""Share of the squared error above which link corrections get a note, and unnamed terms leave a verdict open."""
 EXPLAINED = 1.3
 """Largest ratio of the extended model's error to the noise floor at which the recording is explained."""
 

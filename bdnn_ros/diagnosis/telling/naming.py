@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Container, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bdnn_ros.diagnosis.judging.attempt import Attempt
 from bdnn_ros.diagnosis.judging.identifiability import Judgement
 from bdnn_ros.diagnosis.judging.lookalikes import Placed
 from bdnn_ros.diagnosis.judging.posterior import CLEAR, Estimate
 from bdnn_ros.diagnosis.pushes.pushes import leftover, together
+from bdnn_ros.diagnosis.regression.building import least_motion
 from bdnn_ros.diagnosis.regression.equations import USUAL_MASS_ERROR, Equations
 from bdnn_ros.diagnosis.regression.gains import removed, squares
 from bdnn_ros.diagnosis.regression.term import WEAR
 from bdnn_ros.diagnosis.result import Finding, Rival
+from bdnn_ros.diagnosis.telling.case import Case
 from bdnn_ros.diagnosis.telling.unexplained import LARGE_ERROR
 from bdnn_ros.effects.actuation import EffortDelay
 from bdnn_ros.effects.base import Effect
@@ -35,7 +36,11 @@ OF_THIS_FORM = 2.0
 """An effect other than wear must remove this many times the predictable rest; else the law has not its form."""
 CHANGES = " Its force changes meanwhile, or where it acts: this is the constant push that comes nearest."
 """Added to the sentence of a push that changes."""
-
+MUCH_LEFT = 0.5
+"""Share of a joint's error that, if left, makes its causes doubtful: at a joint that moves now and then they may stand for
+changes with time, and a real constant push leaves only noise."""
+GROWS = 1.02
+"""Ratio of errors up to which they count as equal."""
 ANYTHING = 1e3
 """Factor that makes a prior standard deviation practically unbounded."""
 
@@ -53,6 +58,23 @@ class Doubts:
     unfit: np.ndarray
     poor: np.ndarray
     told: np.ndarray
+
+    @classmethod
+    def of(cls, case: Case) -> Doubts:
+        """Those of a case.
+
+        The model of what was found is valid nowhere if held-out errors grow above the noise, relative to each joint's effort or
+        in total; nor at a joint that moves now and then with much of its error left, whose causes may stand for a push or drift.
+        """
+        equations, before, after = case.equations, case.simulation, case.extended
+        near = case.near(after)
+        poor = np.asarray(~near & (after > MUCH_LEFT * before))
+        scaled = (np.sum((error / equations.effort_scale) ** 2) for error in (before, after))
+        plain = (GROWS**2 * np.sum(before**2), np.sum(after**2))
+        seldom = equations.moving < least_motion(equations.motion.signals)
+        # a cause outside the held-out rows leaves their error at the noise: no reason against it
+        worse = any(now > then for then, now in (scaled, plain)) and not near.all()
+        return cls(np.asarray((seldom & poor) | worse), poor, case.predictable)
 
     def against(self, effect: Effect, changing: bool, joint: int, less: float) -> bool:
         """Whether an effect that removes `less` [(N·m)²] of error, mostly at a joint, must not be named there."""
@@ -84,21 +106,10 @@ class Named:
     beside_links: float
 
 
-def named(
-    robot: Robot,
-    equations: Equations,
-    attempt: Attempt,
-    found: Sequence[Estimate],
-    doubts: Doubts,
-    unnamed: Container[int],
-) -> Named:
-    """Decide which terms become findings.
-
-    Args:
-        doubts: reasons against names at the joints.
-        unnamed: terms that are not named, whatever they explain.
-    """
-    held = equations.usable & attempt.test[:, None]
+def named(case: Case, doubts: Doubts) -> Named:
+    """Decide which terms become findings, with reasons against names at the joints."""
+    robot, equations, attempt, found = case.robot, case.equations, case.attempt, case.found
+    held, unnamed = case.held, case.at_ends | case.always
     taken = removed(equations, attempt.fitted, attempt.extended, held, equations.usable)
     scale = equations.effort_scale
     before = max(float(np.sum(equations.target[held] ** 2)), 1e-30)

@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from bdnn_ros.diagnosis.judging.posterior import Estimate
 from bdnn_ros.diagnosis.regression.building import least_motion
 from bdnn_ros.diagnosis.regression.equations import Equations
+from bdnn_ros.diagnosis.sentences import Kind, Note
 
 ALIKE = 0.9
 """Squared correlation with time above which an effect grows with time."""
-GOES_ALONG = (
-    "What is named at {where} grows with time as it does with the motion, which goes one way: a drift would do the same, and "
-    "none is looked for in so short a recording. Move to and fro, and longer."
-)
 
 
-def with_time(estimate: Estimate, where: str, equations: Equations) -> list[str]:
+def with_time(estimate: Estimate, where: str, equations: Equations) -> Iterator[Note]:
     """The note on a law that grows with time where no drift was searched for; else none.
 
     Args:
@@ -24,12 +23,12 @@ def with_time(estimate: Estimate, where: str, equations: Equations) -> list[str]
     """
     joint = estimate.term.target
     if joint < 0 or estimate.term.effect.timed:
-        return []
+        return
     rows = equations.usable[:, joint]
     if not rows.any() or equations.moving[joint] >= least_motion(equations.motion.signals):
-        return []
+        return
     does = (equations.columns(estimate.term)[rows, joint] @ estimate.coefficients).astype(float)
     time = equations.motion.time[equations.rows][rows]
     varies = does.std() > np.finfo(float).eps * np.abs(does).max() * len(does)
-    goes = varies and np.corrcoef(time, does)[0, 1] ** 2 > ALIKE
-    return [GOES_ALONG.format(where=where)] * bool(goes)
+    if varies and np.corrcoef(time, does)[0, 1] ** 2 > ALIKE:
+        yield Note(Kind.WITH_TIME, {"where": where})
