@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from bdnn_ros.diagnosis.diagnose import diagnose
+from bdnn_ros.diagnosis.sentences import Kind
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 
@@ -52,4 +53,4 @@ def test_what_goes_along_with_time_may_be_a_drift_where_none_is_looked_for(durat
     diagnosis = diagnose([passed(lambda share, position: 3.0 * position, duration)], ARM)
     assert [found.effect for found in diagnosis.findings] == ["joint_spring"]
     assert diagnosis.verdict == ("partly_explained" if told else "explained")
-    assert any("a drift would do the same" in note for note in diagnosis.notes) == told
+    assert (Kind.WITH_TIME in diagnosis.kinds) == told

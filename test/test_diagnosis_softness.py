@@ -14,6 +14,7 @@ from bdnn_ros import bags
 from bdnn_ros.cli.main import main
 from bdnn_ros.diagnosis.diagnose import examine
 from bdnn_ros.diagnosis.recorded.softness import Softness, softened, softness
+from bdnn_ros.diagnosis.sentences import Kind
 from bdnn_ros.effects.bristles import bristle
 from bdnn_ros.effects.registry import parse_spec
 from bdnn_ros.recording import Recording
@@ -179,7 +180,7 @@ def test_what_pushes_in_the_last_half_second_alone_may_be_what_a_filter_made_of_
     recording = simulate(robot, [push], seed=3, duration=20.0, rate=200.0).recording
     diagnosis = examine([recording], robot).diagnosis
     assert [finding.effect for finding in diagnosis.findings] == named
-    assert any("recording's ends" in note for note in diagnosis.notes) == (not named)
+    assert (Kind.AT_AN_END in diagnosis.kinds) == (not named)
 
 
 @pytest.mark.slow

@@ -20,6 +20,7 @@ from bdnn_ros.diagnosis.regression.term import Term
 from bdnn_ros.diagnosis.search.candidates import Candidates
 from bdnn_ros.diagnosis.search.leads import moved
 from bdnn_ros.diagnosis.search.settling import at_own_noise
+from bdnn_ros.diagnosis.sentences import Kind
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.registry import get, parse_spec
 from bdnn_ros.recording import Recording
@@ -255,7 +256,7 @@ def test_a_joint_that_moves_alone_is_told_nothing_of_bodies():
     assert seen(simulated, robot).alone == 0
     told = diagnose([simulated.recording], robot)
     assert [(f.effect, f.joint) for f in told.findings] == [("coulomb_friction", "arm2_joint1")]
-    assert any("Only arm2_joint1 moves" in note for note in told.notes)
+    assert Kind.ALONE in told.kinds
     told = diagnose([simulate(robot, plan=plan, effects=[loaded], seed=6).recording], robot)
     assert (told.findings, told.verdict) == ((), "cannot_tell")
     told = diagnose([simulate(robot, plan=plan, seed=6).recording], robot)
@@ -316,7 +317,7 @@ def test_links_far_off_throughout_are_no_all_clear(name):
     diagnosis = diagnose([simulate(robot, [], seed=2, duration=30.0, reality=reality).recording], robot)
     assert diagnosis.findings == () and diagnosis.verdict == "cannot_tell"
     if name != "arm2":  # of two links, motion shows too little to tell how far off all of them are
-        assert any("further off than usual" in note for note in diagnosis.notes)
+        assert Kind.FAR_OFF in diagnosis.kinds
 
 
 @pytest.mark.parametrize("push, verdict", [(2.0, "cannot_tell"), (0.0, "nothing_wrong")])
@@ -335,4 +336,4 @@ def test_a_push_that_comes_while_the_robot_rests_is_not_passed_over(push, verdic
     time = np.arange(len(position)) / 200.0
     told = diagnose([Recording(time, robot.joints, position, velocity, effort)], robot)
     assert (told.findings, told.verdict) == ((), verdict)
-    assert any("Where it rests" in note for note in told.notes) == bool(push)
+    assert (Kind.AT_REST in told.kinds) == bool(push)
