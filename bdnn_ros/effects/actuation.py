@@ -126,6 +126,7 @@ class EffortDelay(Effect):
         "CSM 27(5), 2007"
     )
     at_sensor = True
+    linearised_at = ("at",)
     coefficient_bounds = ((0.0, 0.2),)
     coefficient_spread = 0.03
     of_load = True

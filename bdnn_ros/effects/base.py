@@ -147,12 +147,12 @@ class Effect(Declaration, ABC):
 
         Returns:
             How much of the noise, differentiated twice, one unit of the coefficient takes from the target's effort [s²·...]; the
-            coefficient at which the column is exact, 0 where unknown; the frequency up to which the noise passes [Hz].
+            coefficient for which this is evaluated, 0 where unknown; the frequency up to which the noise passes [Hz].
         """
         return None
 
     def relinearised(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
-        """The shape at which the columns are exact for these coefficients; `shape` itself where they always are."""
+        """The shape at which columns and echo are exact for these coefficients; `shape` itself where they always are."""
         return dict(shape)
 
     def inertials(self, robot: Robot, shape: Values, link: str) -> tuple[int, np.ndarray] | None:
@@ -190,8 +190,9 @@ class Effect(Declaration, ABC):
     def since(self, robot: Robot, target: int, link: str | None, held: Held = NONE_HELD) -> Effect:
         """The effect as a change from an earlier model, which may have too much of it."""
         changed = self.with_less(*self.holds(robot, target, held).tolist())
-        if changed.may_be_gone and self.name in held and type(self).relinearised is Effect.relinearised:
-            changed.kept = self.coefficients(held[self.name][0])[1] or None
+        if changed.may_be_gone and self.name in held:
+            shape = self.coefficients(held[self.name][0])[1]
+            changed.kept = {name: shape[name] for name in shape if name not in self.linearised_at} or None
         return changed
 
     def against(self, robot: Robot, target: int) -> Effect:

@@ -91,6 +91,8 @@ class Declaration:
     it does."""
     shape_bounds: ClassVar[Mapping[str, tuple[float, float]]] = MappingProxyType({})
     """Range within which a search may refine each shape parameter; one that is not named here is not refined."""
+    linearised_at: ClassVar[tuple[str, ...]] = ()
+    """Shape parameters that are no property of the robot but where the columns are linearised; see `Effect.relinearised`."""
     idealised: ClassVar[float] = 0.01
     idealised_shapes: ClassVar[frozenset[str]] = frozenset()
     """No law is exact: this share of each coefficient, and of these shape parameters, is added (in squares) to its standard

@@ -35,6 +35,7 @@ class BaseTilt(Effect):
     )
     source = "Craig, Introduction to Robotics, ch. 6: gravity as an acceleration of the base"
     of_bodies = True
+    linearised_at = ("roll_deg", "pitch_deg")
     coefficient_bounds = ((-math.pi / 2, math.pi / 2), (-math.pi / 2, math.pi / 2))
     coefficient_spread = 0.1
 

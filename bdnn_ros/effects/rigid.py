@@ -109,6 +109,7 @@ class Payload(OnBody):
     confused_with = ("link_inertia", "base_tilt", "effort_scale")
     shown_by = "poses in which the link points in all directions, and its accelerations"
     source = "Khalil, Gautier, Lemoine, Identification of the payload inertial parameters, ICRA 2007"
+    linearised_at = SHAPE
     coefficient_bounds = (NONE_LESS, ANY, ANY, ANY, NONE_LESS, ANY, NONE_LESS, ANY, ANY, NONE_LESS)
 
     def inertials(self, robot: Robot, shape: Values, link: str) -> tuple[int, np.ndarray]:

@@ -33,6 +33,7 @@ class PositionOffset(Effect):
     shown_by = "poses of different gravity, the joints beyond this one stretched out and folded"
     source = "Hollerbach, Khalil, Gautier, Model identification, Springer Handbook of Robotics, ch. 6"
     of_bodies = True
+    linearised_at = ("at",)
     coefficient_bounds = ((-1.0, 1.0),)
     coefficient_spread = 0.1
 

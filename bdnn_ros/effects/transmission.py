@@ -28,7 +28,9 @@ class JointElasticity(Effect):
 
     The load is taken from the measured effort: the motor's oscillation on its spring is in the measured position, and a load
     computed from that would contain it twice. It is low-passed below the link's natural frequency on its gear, which follows
-    from the shape `compliance` [rad/N·m]: beyond, the noise of the effort would outweigh the deflection.
+    from the shape `compliance` [rad/N·m]: beyond, the noise of the effort would outweigh the deflection. What that noise seems
+    to gain is not linear in the compliance, so it is evaluated at the shape `at` [rad/N·m], the estimate itself: the best
+    low-pass may lie far below the natural frequency.
     """
 
     name = "joint_elasticity"
@@ -39,6 +41,7 @@ class JointElasticity(Effect):
     confused_with = ("backlash", "position_offset", "armature", "hysteresis")
     shown_by = "fast changes of load: high accelerations, and poses of very different gravity"
     source = SPONG
+    linearised_at = ("at",)
     without = ("backlash",)
     of_bodies = True
     of_load = True
@@ -48,8 +51,8 @@ class JointElasticity(Effect):
     def echo(self, motion: Motion, target: int, shape: Values) -> tuple[float, float, float]:
         scale = 1.0 if motion.scale is None else motion.scale[target]
         inertia, cutoff = float(scale * motion.usual_inertia[target]), self._cutoff(motion, target, shape)
-        # the kept shape is an earlier model's compliance, not this change's
-        return inertia, 0.0 if self.kept is not None else shape["compliance"], cutoff
+        # a kept shape is an earlier model's compliance, not this change's
+        return inertia, shape.get("at", 0.0), cutoff
 
     def install(self, plant: Plant, target: int, values: Values, link: str | None = None) -> None:
         plant.stiffness[target] = 1.0 / (1.0 / plant.stiffness[target] + 1.0 / values["stiffness"])
@@ -71,14 +74,20 @@ class JointElasticity(Effect):
     def shapes(self, motion: Motion, target: int, link: str | None = None) -> list[dict[str, float]]:
         cutoffs = np.geomspace(motion.calm, max(motion.calm, motion.signals.cutoff), TRIED)
         compliances = (BELOW / (2.0 * np.pi * cutoffs)) ** 2 / motion.usual_inertia[target]
-        return [{"compliance": compliance} for compliance in compliances.tolist()]
+        return [{"compliance": compliance, "at": compliance} for compliance in compliances.tolist()]
+
+    def relinearised(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
+        if self.kept is not None:
+            return dict(shape)
+        return {**shape, "at": float(np.clip(coefficients[0], 0.0, shape["compliance"]))}
 
     def values(self, coefficients: np.ndarray, shape: Values) -> dict[str, float]:
         compliance = float(coefficients[0])
         return {"stiffness": 1.0 / (min(compliance, -1e-9) if compliance < 0.0 else max(compliance, 1e-9))}
 
     def coefficients(self, values: Values) -> tuple[np.ndarray, dict[str, float]]:
-        return np.array([1.0 / values["stiffness"]]), {"compliance": 1.0 / values["stiffness"]}
+        compliance = 1.0 / values["stiffness"]
+        return np.array([compliance]), {"compliance": compliance, "at": compliance}
 
     def sentence(self, where: str, values: Values) -> str:
         unit = printed(along("N*m/rad", self.slides))

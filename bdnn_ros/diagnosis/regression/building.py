@@ -29,6 +29,8 @@ BLOCK_SECONDS, MOST_BLOCKS = 2.0, 40
 """Usual length of a held-out block [s], and most blocks: in a longer recording blocks are longer."""
 SHORTEST_BLOCK, LEAST_MOTION = 0.5, 8.0
 """Shortest block [s], used where a joint moves for less than `LEAST_MOTION` [s]: it must move in several folds."""
+FEWEST_ROWS = 10
+"""A joint with fewer usable rows is not compared: any change that fits them would seem to leave no noise there."""
 LEAST_VALUES = 100.0
 """Fewest independent low-passed values of a joint's motion: with fewer, a push or drift can fit anything and is not named."""
 SLOWEST = 2.0
@@ -150,6 +152,7 @@ def _usable(signals: Signals, resting: np.ndarray, rows: np.ndarray) -> np.ndarr
         RecordingError: there are none.
     """
     usable = (signals.seen & ~(resting | near_creeping(signals, STICKING_WIDTHS)))[rows]
+    usable &= usable.sum(axis=0) >= min(FEWEST_ROWS, usable.sum(axis=0).max())
     if not usable.any():
         raise RecordingError(
             "Wherever the robot moves its effort is at a limit or stands still.",

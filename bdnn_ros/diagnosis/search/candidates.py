@@ -120,7 +120,7 @@ class Candidates:
             return best_push(pool, fit, term, self.robot)[1]
         shapes = term.shapes(equations.motion)
         if len(shapes) > 1:
-            return _best_of(pool, fit, term, shapes)[1]
+            return _consistent(pool, fit, _best_of(pool, fit, term, shapes)[1])
         beside = pool.fit([c for c in fit.terms if not _elsewhere(term, pool.terms[c])])
         return _relinearised(equations, pool, beside, term.shaped(shapes[0]))
 
@@ -259,6 +259,8 @@ def _generally(equations: Equations, pool: Pool, fit: Fit, term: Term) -> list[T
 
 def _consistent(pool: Pool, fit: Fit, term: Term) -> Term:
     """The term whose columns are linearised at the shape they yield, by fixed-point iteration."""
+    if not term.effect.linearised_at:
+        return term
     for _ in range(RELINEARISATIONS):
         _, coefficients = pool.gain_of(fit, term)
         moved = term.shaped(term.effect.relinearised(coefficients, dict(term.shape)))
