@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from diagnosis_cases import equations_of, white
 
+from bdnn_ros.diagnosis.diagnose import diagnose
 from bdnn_ros.diagnosis.regression.evidence import Pool
 from bdnn_ros.diagnosis.regression.term import Term
 from bdnn_ros.diagnosis.result import Finding, Quantity, Rival
@@ -13,6 +14,7 @@ from bdnn_ros.diagnosis.sentences import Kind
 from bdnn_ros.diagnosis.telling.alike import Common, common, tied, untold
 from bdnn_ros.effects.registry import get
 from bdnn_ros.robot import PER_LINK, Robot
+from bdnn_ros.simulation.scenario import Scenario
 
 ARM = Robot.bundled("arm6")
 STD = 0.05
@@ -73,4 +75,42 @@ def test_links_that_agree_on_a_factor_are_a_tie_with_the_unit_of_the_efforts():
         ([agree] * 3, Common(1.5, 0.02)),
     ):
         assert tied(findings, factor) == findings and not untold(findings)
+    assert tied([], alike) == []
     assert "an effort_scale of 0.80 at all joints" in alike.note(Kind.ALIKE).sentence(False)
+
+
+def of_joint(effect: str, **parameters: tuple[float, float, str]) -> Finding:
+    numbers = {name: Quantity(*one) for name, one in parameters.items()}
+    return Finding(effect, "j", None, numbers, 0.1, 1.0, (), "")
+
+
+def test_where_efforts_of_several_joints_are_scaled_those_of_the_others_may_be_too():
+    """All that is measured in efforts is then off by the common factor; angles, places and ratios are not."""
+    scale = of_joint("effort_scale", scale=(1.5, 0.01, "-"))
+    payload = of_joint("payload", mass=(2.0, 0.03, "kg"), com_x=(0.1, 0.01, "m"))
+    friction = of_joint("stribeck_friction", coulomb=(1.0, 0.01, "N*m"), velocity=(0.05, 0.01, "rad/s"))
+    body = of_joint("link_inertia", scale=(1.1, 0.02, "-"), nominal_mass=(2.0, 0.0, "kg"))
+    findings, alike = [scale, payload, friction, body, scale], Common(1.25, 0.02)
+    told = [one.parameters for one in tied(findings, alike)]
+    assert [one["scale"].std for one in (told[0], told[4])] == [pytest.approx(np.hypot(0.3, 0.01))] * 2
+    assert told[1]["mass"].std == pytest.approx(np.hypot(0.4, 0.03)) and told[1]["com_x"].std == 0.01
+    assert told[2]["coulomb"].std == pytest.approx(0.2, rel=0.01) and told[2]["velocity"].std == 0.01
+    assert told[3] == body.parameters
+    assert untold(findings)
+    for few, factor in ((findings[:4], alike), (findings, None)):
+        assert tied(few, factor) == few and untold(few) == (few is findings)
+
+
+@pytest.mark.parametrize("others", [1.0, 0.87])
+def test_a_motor_type_with_a_wrong_constant_may_not_be_the_only_one(others):
+    """Efforts of two joints that act 1.55 times as much as those of the others tell the ratio, not both."""
+    scales = [1.55 * others if k in (2, 3) else others for k in range(1, 7)]
+    hidden = [f"effort_scale@arm6_joint{k}:scale={one}" for k, one in enumerate(scales, 1) if one != 1.0]
+    made, _ = Scenario(ARM, hidden, seed=3, duration=20.0, rate=200.0).run()
+    diagnosis = diagnose([made.recording], ARM)
+    told = {one.joint: one.parameters["scale"] for one in diagnosis.findings if one.effect == "effort_scale"}
+    for k in (2, 3):
+        one = told[f"arm6_joint{k}"]
+        assert one.value == pytest.approx(scales[k - 1], abs=2.5 * one.std)
+    assert (Kind.ALIKE in diagnosis.kinds) == (others != 1.0)
+    assert any("hang a known mass" in advice for advice in diagnosis.advice) == (others != 1.0)

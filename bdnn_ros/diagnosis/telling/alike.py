@@ -19,8 +19,12 @@ from bdnn_ros.effects.rigid import LinkInertia
 
 LIKELIER = 3.0
 """Evidence by which one common factor must beat individual link errors to be reported [nats]."""
+SCALED = 2
+"""Fewest joints with efforts named as scaled that make the unit of the others' efforts doubtful as well."""
 FEWEST = 3
 """Fewest named links with about the same factor that may all be right, with the efforts' unit wrong."""
+BY_EFFORT = ("N", "kg")
+"""How units of parameters begin that are measured in efforts."""
 AGREES = 2.0
 """Distance in standard deviations of both within which a link's factor agrees with the common one."""
 
@@ -69,16 +73,29 @@ def _beside(pool: Pool, fit: Fit) -> tuple[float, float, float]:
 
 
 def tied(findings: Sequence[Finding], alike: Common | None) -> list[Finding]:
-    """Findings with the efforts' unit as an even rival of links that agree on one factor, since no motion decides."""
-    agree = [one for one in findings if alike is not None and _agrees(one, alike)]
-    if len(agree) < FEWEST:
+    """Findings as sure as they are where no motion tells all links from all efforts.
+
+    Links that agree on one factor have the efforts' unit as an even rival. Where efforts of several joints are scaled, those
+    of the others may be by that factor: all that is measured in efforts is then off by it.
+    """
+    if alike is None:
         return list(findings)
-    return [_tossed(one) if one in agree else one for one in findings]
+    if scaled(findings):
+        findings = [_doubted(one, alike) for one in findings]
+    agree = [_agrees(one, alike) for one in findings]
+    even = sum(agree) >= FEWEST
+    return [_tossed(one) if even and agrees else one for one, agrees in zip(findings, agree, strict=True)]
+
+
+def scaled(findings: Sequence[Finding]) -> bool:
+    """Whether efforts of several joints are named as scaled."""
+    return sum(one.effect == EffortScale.name and one.joint is not None for one in findings) >= SCALED
 
 
 def untold(findings: Sequence[Finding]) -> bool:
-    """Whether the efforts' unit is a rival of some findings."""
-    return any(everywhere(rival.effect, rival.joint) for one in findings for rival in one.rivals)
+    """Whether the efforts' unit is a rival of some findings, or decides how large they are."""
+    rivals = (everywhere(rival.effect, rival.joint) for one in findings for rival in one.rivals)
+    return scaled(findings) or any(rivals)
 
 
 def everywhere(effect: str, joint: str | None) -> bool:
@@ -91,6 +108,17 @@ def _agrees(one: Finding, alike: Common) -> bool:
         return False
     scale = one.parameters["scale"]
     return abs(scale.value - alike.factor) <= AGREES * math.hypot(scale.std, alike.std)
+
+
+def _doubted(one: Finding, alike: Common) -> Finding:
+    """A finding with what is measured in efforts as unsure as the efforts' unit."""
+    off = abs(1.0 - 1.0 / alike.factor)
+    widened = {
+        name: replace(known, std=math.hypot(known.std, known.value * off))
+        for name, known in one.parameters.items()
+        if known.std and (one.effect == EffortScale.name or known.unit.startswith(BY_EFFORT))
+    }
+    return replace(one, parameters={**one.parameters, **widened})
 
 
 def _tossed(one: Finding) -> Finding:

@@ -13,7 +13,7 @@ from bdnn_ros.diagnosis.recorded.velocity_filter import reported_velocity
 from bdnn_ros.diagnosis.regression.gains import held_out_gain
 from bdnn_ros.diagnosis.result import Finding, Verdict
 from bdnn_ros.diagnosis.sentences import Note
-from bdnn_ros.diagnosis.telling.alike import FEWEST, Common, common, tied
+from bdnn_ros.diagnosis.telling.alike import FEWEST, Common, common, scaled, tied
 from bdnn_ros.diagnosis.telling.case import MOST, SLIGHT, Case
 from bdnn_ros.diagnosis.telling.endless import endless
 from bdnn_ros.diagnosis.telling.naming import Doubts, Named, name_of, named
@@ -43,11 +43,16 @@ class Outcome:
 
     @cached_property
     def alike(self) -> Common | None:
-        """One factor common to all link errors, if these are reported: named, or most of what the extended model improves."""
+        """One factor common to all link errors, if it matters.
+
+        That is where links are named or most of what the extended model improves, and where efforts of several joints are
+        scaled.
+        """
         case, causes = self.case, self.names.findings
         links = sum(one.effect == LinkInertia.name for one in causes)
         told = case.by_links > (MOST if causes else SLIGHT)
-        if case.earlier is not None or case.equations.alone is not None or not (told or links >= FEWEST):
+        matters = told or links >= FEWEST or scaled(causes)
+        if case.earlier is not None or case.equations.alone is not None or not matters:
             return None
         return common(case.equations, case.attempt.fitted)
 
