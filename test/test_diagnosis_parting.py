@@ -31,7 +31,7 @@ def pool_of(true: list[str], told: list[str]) -> Pool:
     """A pool of what is told on a recording of what is true; the first may act once more."""
     equations = equations_of(true, "arm6")
     noise, model = white(equations, 0.02)
-    equations.target = equations.target + noise
+    equations = equations.with_target(equations.rows.target + noise)
     terms = [term(spec, ARM)[0] for spec in told]
     return Pool(equations, model, [*terms, replace(terms[0], again=1)], TRUSTING)
 

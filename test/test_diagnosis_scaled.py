@@ -45,7 +45,7 @@ def judged(scale: float, rotor: float, offset: float) -> dict[str, float]:
     effort = effort / np.array([1.0, scale]) - np.array([0.0, offset])
     equations = build(replace(signals, effort=effort, unmeasured=None), LIFT)
     noise, model = white(equations, 0.2)
-    equations.target = equations.target + noise
+    equations = equations.with_target(equations.rows.target + noise)
     specs = ("effort_offset@mast:offset=-1", "armature@mast:armature=1", "effort_scale@mast:scale=1.1")
     pool = Pool(equations, model, [term(spec, LIFT)[0] for spec in specs], 0.05)
     search = Search(equations, Candidates.of(LIFT), lambda text: None)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import MappingProxyType, SimpleNamespace
 
 import numpy as np
@@ -180,12 +181,14 @@ def test_a_gap_that_is_not_shown_is_told_as_the_zero_that_fits(monkeypatch):
 
 def test_where_no_joint_dwells_shapes_of_dry_friction_are_found_anew_beside_all_else():
     equations = equations_of([])
-    equations.dwelling = np.arange(len(equations.rows))[:, None] % 50 == [-1, 0]
+    equations.rows = replace(
+        equations.rows, dwelling=np.arange(len(equations.rows.samples))[:, None] % 50 == [-1, 0]
+    )
     counted = equations.usable.copy()
     names = ("coulomb_friction@1", "armature@1", "stribeck_friction@0")
     terms = [Term(get(name), int(joint)) for name, joint in (one.split("@") for one in names)]
     terms[2] = terms[2].shaped({"velocity": 0.1})
-    pool = Pool(equations, Noise(np.zeros((2, 1)), 0.01 * equations.effort_scale), terms, 0.05)
+    pool = Pool(equations, Noise(np.zeros((2, 1)), 0.01 * equations.rows.effort_scale), terms, 0.05)
     seen = []
 
     def refined(equations, pool, fit, one):
@@ -194,7 +197,7 @@ def test_where_no_joint_dwells_shapes_of_dry_friction_are_found_anew_beside_all_
 
     simplified._exact(SimpleNamespace(refined=refined), equations, pool)
     assert seen == [(0, (0, 1, 2)), (1, (0, 1, 2))]
-    np.testing.assert_array_equal(equations.usable, counted & ~equations.dwelling)
+    np.testing.assert_array_equal(equations.usable, counted & ~equations.rows.dwelling)
 
 
 def told_plainly(monkeypatch, names, truth, shape, shown=False, beyond=(np.inf, np.inf)):
@@ -202,10 +205,10 @@ def told_plainly(monkeypatch, names, truth, shape, shown=False, beyond=(np.inf, 
     equations = equations_of([truth])
     terms = [Term(get(name), 0) for name in names]
     terms[1] = terms[1].shaped(shape)
-    pool = Pool(equations, Noise(np.zeros((2, 1)), 0.01 * equations.effort_scale), terms, 0.05)
+    pool = Pool(equations, Noise(np.zeros((2, 1)), 0.01 * equations.rows.effort_scale), terms, 0.05)
     plain = Term(get(terms[1].effect.settles_into), 0)
     judgements = [Judgement(0.7, 0.0, ((plain, 0.2), (terms[0], 0.1))) for _ in terms]
-    attempt = Attempt(np.zeros(len(equations.rows), bool), judgements, pool, equations.target)
+    attempt = Attempt(np.zeros(len(equations.rows.samples), bool), judgements, pool, equations.rows.target)
     law = terms[1].effect.name
     monkeypatch.setattr(
         simplified,
@@ -270,7 +273,7 @@ def pool_with_law(spec, *beside):
     name, names = spec.partition("@")[0], [t.effect.name for t in terms]
     key, one = {"hysteresis": "breakaway", "backlash": "crossing"}.get(name), names.index(name)
     terms[one] = terms[one].shaped({key: float(spec.rpartition("=")[2])} if key else {})
-    noise = Noise(np.zeros((2, 3)), 1e-4 * equations.effort_scale)
+    noise = Noise(np.zeros((2, 3)), 1e-4 * equations.rows.effort_scale)
     return Pool(equations, noise, terms, 0.02), one, names.index("coulomb_friction")
 
 
@@ -286,7 +289,7 @@ def pool_with_law(spec, *beside):
 def test_nothing_is_named_where_held_out_errors_grow(extended, named):
     """By share of each joint's effort, or in all: what helps a wrist is no cause where it harms the shoulder."""
     equations = equations_of(duration=30.0)
-    equations.effort_scale = np.array([20.0, 0.5])
+    equations.rows = replace(equations.rows, effort_scale=np.array([20.0, 0.5]))
     near = np.zeros(2, bool)
     unfit = telling._unfit(equations, np.array([1.0, 0.1]), np.array(extended), near)
     assert not unfit.any() if named else unfit.all()

@@ -87,7 +87,7 @@ def test_a_gap_that_is_never_crossed_is_a_rival_of_a_wrong_zero_beside_a_soft_ge
     for one, coefficients in zip(terms[:2], values[:2], strict=True):
         effort += one.effect.columns(motion, 1, dict(one.shape)) @ coefficients
     equations = build(replace(signals, effort=effort), robot)
-    pool = Pool(equations, Noise(np.zeros((6, 3)), 0.01 * equations.effort_scale), terms, 0.02)
+    pool = Pool(equations, Noise(np.zeros((6, 3)), 0.01 * equations.rows.effort_scale), terms, 0.02)
     search = Search(equations, Candidates.of(robot), lambda said: None)
     judged, _ = judge(search, Selection(pool, (0, 1), pool.fit((0, 1))))
     rivals = {rival.effect.name: probability for rival, probability in judged.rivals}

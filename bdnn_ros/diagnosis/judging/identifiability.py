@@ -203,10 +203,10 @@ def _beyond(pool: Pool, fit: Fit, one: int, part: int) -> float:
     joint = law.target
 
     def share(rows: np.ndarray) -> float:
-        does = (equations.columns(law)[rows, joint]) @ pool.coefficients(fit, one)
-        columns = equations.columns(plain)[rows, joint]
+        does = (equations.columns.of(law)[rows, joint]) @ pool.coefficients(fit, one)
+        columns = equations.columns.of(plain)[rows, joint]
         left = does - columns @ np.linalg.lstsq(columns, does, rcond=None)[0]
-        return rms(left[acting(left)]) / float(equations.effort_scale[joint])
+        return rms(left[acting(left)]) / float(equations.rows.effort_scale[joint])
 
     anywhere = share(equations.usable[:, joint]) if contains(law, plain) else 0.0
     return anywhere if anywhere >= MINIMUM_SHARE else share(equations.exact[:, joint])

@@ -68,9 +68,9 @@ def _without(selection: Selection, crowd: Sequence[int]) -> list[int]:
 def _at_quiet_noise(search: Search, selection: Selection) -> Selection | None:
     """The selection at the noise of times without a push; None where too few of them show it at each joint."""
     equations, pool = search.equations, selection.pool
-    counted, time = equations.usable, equations.motion.time[equations.rows]
+    counted, time = equations.usable, equations.rows.time
     equations.use_rows(counted & ~pushing([_longer(term) for term in selection.terms], time)[:, None])
-    told = bool((~counted.any(axis=0) | (equations.full().sum(axis=0) >= LEAST_ROWS)).all())
+    told = bool((~counted.any(axis=0) | (equations.whitening.full().sum(axis=0) >= LEAST_ROWS)).all())
     if told:
         others = [term for term in selection.terms if not term.effect.timed]
         calm = Pool(equations, pool.noise, others, pool.link_error)
@@ -127,15 +127,15 @@ def _swelling(pool: Pool, fit: Fit, term: Term, whole: Term) -> float:
     constant, wrench = pool.gain_of(fit, term)
     for _ in range(ROUNDS):
         on = (
-            [equations.pushed(term, moving, effect.displaced(wrench[:3]))]
+            [equations.columns.pushed(term, moving, effect.displaced(wrench[:3]))]
             if isinstance(effect, ExternalWrench)
             else []
         )
-        swelling = [equations.pushed(term, size, mixing @ wrench[:, None]) for size in sizes]
+        swelling = [equations.columns.pushed(term, size, mixing @ wrench[:, None]) for size in sizes]
         gain, found = pool.gain_of(fit, term, np.concatenate([*swelling, *on], axis=2))
         size = found[: len(sizes)] @ sizes
         size /= max(float(size.max()), 1e-12)
-        own = equations.pushed(term, size, mixing)
+        own = equations.columns.pushed(term, size, mixing)
         wrench = pool.gain_of(fit, term, np.concatenate([own, *on], axis=2))[1][: len(wrench)]
     return gain if size.min() > REVERSED else constant
 

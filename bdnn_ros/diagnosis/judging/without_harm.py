@@ -35,7 +35,7 @@ def without_harm(
         pool = Pool(equations, pool.noise, [], pool.link_error)
     if _worse(equations, attempt):
         pool = still(pool)
-        attempt = replace(attempt, fitted=still(attempt.fitted), extended=equations.target.copy())
+        attempt = replace(attempt, fitted=still(attempt.fitted), extended=equations.rows.target.copy())
     return attempt, pool, []
 
 
@@ -50,7 +50,7 @@ def still(pool: Pool) -> Pool:
 
 def _worse(equations: Equations, attempt: Attempt) -> bool:
     """Whether the error of held-out rows surely grows."""
-    pushed = pushing(attempt.fitted.terms, equations.motion.time[equations.rows])
+    pushed = pushing(attempt.fitted.terms, equations.rows.time)
     _, (_, most) = held_out_gain(
         equations, attempt.extended, equations.usable & attempt.test[:, None], pushed
     )

@@ -83,7 +83,7 @@ class Search(Moves):
         self.progress = progress
         self.link_errors = tuple(link_errors)
         self.link_error = self.link_errors[2]
-        self.floor = NOISE_FLOOR * equations.effort_scale
+        self.floor = NOISE_FLOOR * equations.rows.effort_scale
 
     def first(self) -> Selection:
         """First look: the terms that stand out against the noise that common causes leave."""
@@ -248,7 +248,7 @@ class Search(Moves):
         Trends are removed so that a push or drift is not taken for slow noise. The load is estimated with all common causes.
         """
         equations, common = self.equations, self.candidates.common()
-        noise = Noise(np.zeros((equations.width, 1)), equations.effort_scale * 0.1)
+        noise = Noise(np.zeros((equations.rows.width, 1)), equations.rows.effort_scale * 0.1)
         for _ in range(2):
             pool = Pool(equations, noise, common, self.link_errors[-1])
             fit = pool.fit(range(len(common)))
@@ -266,7 +266,7 @@ class Search(Moves):
         kept = [
             pool.terms[c] for c in every if whole - pool.fit([o for o in every if o != c]).evidence > COST
         ]
-        return kept if len({term.target for term in kept}) > 0.5 * self.equations.width else []
+        return kept if len({term.target for term in kept}) > 0.5 * self.equations.rows.width else []
 
     def _select(self, noise: Noise, start: Sequence[Term], least: float = 0.0) -> Selection:
         """Best set at one noise model, starting from some terms.

@@ -13,7 +13,8 @@ from bdnn_ros.diagnosis.judging.identifiability import Judgement
 from bdnn_ros.diagnosis.judging.lookalikes import Placed
 from bdnn_ros.diagnosis.judging.posterior import CLEAR, Estimate
 from bdnn_ros.diagnosis.pushes.pushes import leftover, together
-from bdnn_ros.diagnosis.regression.equations import USUAL_MASS_ERROR, Equations
+from bdnn_ros.diagnosis.regression.equations import Equations
+from bdnn_ros.diagnosis.regression.errors import USUAL_MASS_ERROR
 from bdnn_ros.diagnosis.regression.gains import removed, squares
 from bdnn_ros.diagnosis.regression.term import WEAR
 from bdnn_ros.diagnosis.result import Finding, Rival
@@ -100,8 +101,8 @@ def named(
     """
     held = equations.usable & attempt.test[:, None]
     taken = removed(equations, attempt.fitted, attempt.extended, held, equations.usable)
-    scale = equations.effort_scale
-    before = max(float(np.sum(equations.target[held] ** 2)), 1e-30)
+    scale = equations.rows.effort_scale
+    before = max(float(np.sum(equations.rows.target[held] ** 2)), 1e-30)
     findings, weighty, doubtful, large = [], list[int](), False, LARGE_ERROR * scale
     silent, unknown = list[int](), list[int]()
     every, error = range(len(found)), attempt.fitted.link_error
@@ -156,8 +157,8 @@ def beyond_links(
     term, robot = estimate.term, equations.motion.robot
     assert isinstance(term.effect, OnBody) and term.link is not None
     body, added = term.effect.inertials(robot, dict(term.shape), term.link)
-    usual = max(link_error, USUAL_MASS_ERROR) if equations.jointwise is None else link_error
-    own = equations.relative[slots(body)] * equations.link_spread(usual)
+    usual = max(link_error, USUAL_MASS_ERROR) if equations.errors.joints is None else link_error
+    own = equations.errors.relative[slots(body)] * equations.errors.spread(usual)
     count = added.shape[1]
     covariance = own @ own.T + added @ estimate.doubting[:count, :count] @ added.T
     if but_rotor:

@@ -110,7 +110,7 @@ DOWN = math.cos(math.radians(30.0))
 
 def of_recording(robot: Robot, equations: Equations) -> list[str]:
     """Notes on what a recording cannot tell: of bodies if one joint moves alone, of changes with time if all move briefly."""
-    signals, longest = equations.motion.signals, float(equations.moving.max())
+    signals, longest = equations.motion.signals, float(equations.rows.moving.max())
     least, notes = least_motion(signals), []
     if equations.alone is not None:
         notes.append(_alone(robot, equations, equations.alone))

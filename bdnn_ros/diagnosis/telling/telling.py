@@ -76,7 +76,7 @@ def diagnosis_of(case: Case, cutoff: float | None = None) -> Diagnosis:
     unseen = _unseen(case, names)
     said = names.unsaid <= MOST and not changing and not unseen
     jumps = [note for recording in case.recordings for note in jumping(without_glitches(recording))]
-    pushed = pushing(attempt.fitted.terms, equations.motion.time[equations.rows])
+    pushed = pushing(attempt.fitted.terms, equations.rows.time)
     gain, interval = held_out_gain(equations, attempt.extended, case.held, pushed)
     unclear = _unclear(case, names, 1.0 - (1.0 - min(interval[0], 1.0)) ** 2)
     of_effort = _verdict(causes, unclear, bool(near.all()) and not jumps, said)
@@ -162,7 +162,7 @@ def _notes(
         *[AT_AN_END] * bool(case.at_ends),
         *[THROUGHOUT] * bool(case.always),
         *([] if since else massless_links(robot, findings)),
-        *loads(robot, findings, equations.motion.time[equations.rows], equations.motion.signals.begun),
+        *loads(robot, findings, equations.rows.time, equations.motion.signals.begun),
         *unseen,
         *unnamed([(one.term, place) for one, place in silent], names.unsaid, since),
         *unknown(
@@ -187,14 +187,16 @@ def _unseen(case: Case, names: Named) -> list[str]:
 
 def _mended(case: Case, least: float) -> list[str]:
     """Notes on unnamed improvements by the extended model, surely at least `least` of the squared error."""
-    return mended(least, case.by_links, case.by_lead, case.lead, case.equations.hold, bool(case.earlier))
+    return mended(
+        least, case.by_links, case.by_lead, case.lead, case.equations.nuisances.hold, bool(case.earlier)
+    )
 
 
 def _led(case: Case) -> list[str]:
     """Note on a lead of the efforts that makes up most of the improvement."""
     if case.by_lead <= max(MOST * case.gained, SLIGHT):
         return []
-    return leading(case.by_lead, case.lead, case.equations.hold, bool(case.earlier))
+    return leading(case.by_lead, case.lead, case.equations.nuisances.hold, bool(case.earlier))
 
 
 def _unfit(
@@ -209,9 +211,9 @@ def _unfit(
         simulation, extended: held-out errors of either model, (n,) [N·m].
         near: whether the extended one's is near the noise, (n,) bool.
     """
-    scaled = (np.sum((error / equations.effort_scale) ** 2) for error in (simulation, extended))
+    scaled = (np.sum((error / equations.rows.effort_scale) ** 2) for error in (simulation, extended))
     plain = (GROWS**2 * np.sum(simulation**2), np.sum(extended**2))
-    seldom = equations.moving < least_motion(equations.motion.signals)
+    seldom = equations.rows.moving < least_motion(equations.motion.signals)
     # a cause outside the held-out rows leaves their error at the noise: no reason against it
     worse = any(after > before for before, after in (scaled, plain)) and not near.all()
     return np.asarray((seldom & _poor(simulation, extended, near)) | worse)
