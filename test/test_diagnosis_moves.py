@@ -18,7 +18,8 @@ from bdnn_ros.diagnosis.regression.term import Term
 from bdnn_ros.diagnosis.search import moves as moving
 from bdnn_ros.diagnosis.search.candidates import Candidates, acting_per_measured
 from bdnn_ros.diagnosis.search.moves import Moves
-from bdnn_ros.diagnosis.search.search import Search, Selection
+from bdnn_ros.diagnosis.search.search import Search
+from bdnn_ros.diagnosis.search.selection import Selection
 from bdnn_ros.diagnosis.search.settling import anew
 from bdnn_ros.diagnosis.telling.advice import advice
 from bdnn_ros.effects.registry import get, parse_spec, variants
@@ -284,9 +285,11 @@ def test_rivals_are_tried_by_how_far_they_are_behind_within_all_bounds(monkeypat
     pool = Pool(equations, white(equations, 0.02)[1], [term(s, robot)[0] for s in (*specs, *others)], 0.02)
     search = Search(equations, Candidates.of(robot), lambda text: None)
     tried = []
-    monkeypatch.setattr(search, "score", lambda pool, chosen: 100.0)
-    monkeypatch.setattr(search, "rivals", lambda pool, rest, one: [(3, -1e6), (2, 12.0)] if one == 1 else [])
-    monkeypatch.setattr(search, "score_beside", lambda pool, rest, rival: {2: 95.0, 3: -400.0}[rival])
+    monkeypatch.setattr(search.moves, "score", lambda pool, chosen: 100.0)
+    monkeypatch.setattr(
+        search.moves, "rivals", lambda pool, rest, one: [(3, -1e6), (2, 12.0)] if one == 1 else []
+    )
+    monkeypatch.setattr(search.moves, "score_beside", lambda pool, rest, rival: {2: 95.0, 3: -400.0}[rival])
     monkeypatch.setattr(search, "_first_better", lambda now, others: tried.extend(make() for make in others))
     assert search._behind_rivals(Selection(pool, (0, 1), pool.fit((0, 1))), pool) is None
     assert [[t.effect.name for t in one.terms] for one in tried] == [["hysteresis", "viscous_friction"]]

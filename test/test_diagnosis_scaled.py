@@ -13,7 +13,8 @@ from bdnn_ros.diagnosis.judging.scaled import scaled
 from bdnn_ros.diagnosis.regression.building import build
 from bdnn_ros.diagnosis.regression.evidence import Pool
 from bdnn_ros.diagnosis.search.candidates import Candidates
-from bdnn_ros.diagnosis.search.search import Search, Selection
+from bdnn_ros.diagnosis.search.search import Search
+from bdnn_ros.diagnosis.search.selection import Selection
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
@@ -51,7 +52,7 @@ def judged(scale: float, rotor: float, offset: float) -> dict[str, float]:
     search = Search(equations, Candidates.of(LIFT), lambda text: None)
     selection = Selection(pool, (0,), pool.fit((0,)))
     (judgement,) = judge(search, selection)
-    assert set(scaled(search, pool, [], 0)) <= {2} and scaled(search, pool, [0], 1) == {}
+    assert set(scaled(search.moves, pool, [], 0)) <= {2} and scaled(search.moves, pool, [0], 1) == {}
     return {rival.effect.name: probability for rival, probability in judgement.rivals}
 
 

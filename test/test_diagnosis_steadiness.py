@@ -16,7 +16,8 @@ from bdnn_ros.diagnosis.judging.steadiness import steadied
 from bdnn_ros.diagnosis.pushes.pushes import edges
 from bdnn_ros.diagnosis.regression.evidence import Pool
 from bdnn_ros.diagnosis.search.candidates import Candidates
-from bdnn_ros.diagnosis.search.search import Search, Selection
+from bdnn_ros.diagnosis.search.search import Search
+from bdnn_ros.diagnosis.search.selection import Selection
 from bdnn_ros.diagnosis.telling.case import Case
 from bdnn_ros.diagnosis.telling.telling import diagnosis_of
 from bdnn_ros.diagnosis.telling.unexplained import Remainder

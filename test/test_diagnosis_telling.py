@@ -16,7 +16,7 @@ from bdnn_ros.diagnosis.regression.evidence import Pool
 from bdnn_ros.diagnosis.regression.noise import Noise
 from bdnn_ros.diagnosis.regression.term import Term
 from bdnn_ros.diagnosis.search.candidates import Candidates
-from bdnn_ros.diagnosis.search.search import Selection
+from bdnn_ros.diagnosis.search.selection import Selection
 from bdnn_ros.diagnosis.telling import telling
 from bdnn_ros.effects.registry import get, variants
 from bdnn_ros.robot import Robot
@@ -132,10 +132,10 @@ def test_what_says_the_same_is_listed_however_many_others_are():
 @pytest.mark.parametrize("better", [True, False])
 def test_a_term_is_steady_where_blocks_that_had_no_say_bear_it_out(better):
     asked = []
-    search = SimpleNamespace(predicts_better=lambda pool, one, other: asked.append((one, other)) or better)
+    moves = SimpleNamespace(predicts_better=lambda pool, one, other: asked.append((one, other)) or better)
     pool = SimpleNamespace(terms=[Term(get("armature"), joint) for joint in range(8)])
     selection = SimpleNamespace(pool=pool, chosen=(4, 7))
-    found = weighed(search, selection, [Judgement(1.0, 0.0, ())] * 2)
+    found = weighed(SimpleNamespace(moves=moves), selection, [Judgement(1.0, 0.0, ())] * 2)
     assert asked == [((4, 7), [7]), ((4, 7), [4])]
     assert [one.steady for one in found] == [better, better]
 
@@ -229,11 +229,11 @@ def told_of(terms, chosen, *judgements, borne_out=True, worth=MappingProxyType({
         worth: what terms add to a score; the others nothing.
     """
     pool = SimpleNamespace(terms=terms, fit=lambda chosen: tuple(chosen))
-    search = SimpleNamespace(
+    moves = SimpleNamespace(
         predicts_better=lambda pool, one, other: borne_out,
         score=lambda pool, chosen: sum(worth.get(c, 0.0) for c in chosen),
     )
-    better = likelier(search, SimpleNamespace(pool=pool, chosen=chosen), judgements)
+    better = likelier(SimpleNamespace(moves=moves), SimpleNamespace(pool=pool, chosen=chosen), judgements)
     return None if better is None else {terms[c].effect.name for c in better.chosen}
 
 

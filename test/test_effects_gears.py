@@ -15,7 +15,8 @@ from bdnn_ros.diagnosis.regression.building import build
 from bdnn_ros.diagnosis.regression.evidence import Pool
 from bdnn_ros.diagnosis.regression.noise import Noise
 from bdnn_ros.diagnosis.search.candidates import Candidates
-from bdnn_ros.diagnosis.search.search import Search, Selection
+from bdnn_ros.diagnosis.search.search import Search
+from bdnn_ros.diagnosis.search.selection import Selection
 from bdnn_ros.effects.backlash import _sides
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.registry import parse_spec

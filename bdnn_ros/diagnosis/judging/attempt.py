@@ -15,7 +15,8 @@ from bdnn_ros.diagnosis.regression.evidence import Pool
 from bdnn_ros.diagnosis.regression.gains import MINIMUM_SHARE, acting, removed, rms
 from bdnn_ros.diagnosis.regression.term import Term
 from bdnn_ros.diagnosis.search.candidates import Candidates
-from bdnn_ros.diagnosis.search.search import Progress, Search, Selection
+from bdnn_ros.diagnosis.search.search import Progress, Search
+from bdnn_ros.diagnosis.search.selection import Selection
 from bdnn_ros.diagnosis.search.settling import settled, windows_anew
 from bdnn_ros.effects.motion import Motion
 
@@ -200,7 +201,7 @@ def _reconsidered(search: Search, found: Selection, terms: list[Term]) -> tuple[
     places = {term.place for term in terms}
     others = [term for term in found.pool.terms if term.place not in places]
     pool = Pool(search.equations, found.pool.noise, [*terms, *others], found.pool.link_error)
-    chosen = tuple(search.reconsidered(pool, list(range(len(terms)))))
+    chosen = tuple(search.moves.reconsidered(pool, list(range(len(terms)))))
     selection = plainer(Selection(pool, chosen, pool.fit(chosen)))
     judgements = judge(search, selection)
     seen = [selection.places]
@@ -212,7 +213,7 @@ def _reconsidered(search: Search, found: Selection, terms: list[Term]) -> tuple[
         seen.append(better.places)
         selection, judgements = better, judge(search, better)
     if len(seen) > 1:  # terms replaced one after the other may be one cause
-        joined = tuple(search.joined(selection.pool, list(selection.chosen)))
+        joined = tuple(search.moves.joined(selection.pool, list(selection.chosen)))
         if joined != selection.chosen:
             selection = Selection(selection.pool, joined, selection.pool.fit(joined))
             judgements = judge(search, selection)

@@ -13,7 +13,8 @@ from bdnn_ros.diagnosis.regression.coloring import LEAST_ROWS, noise_of
 from bdnn_ros.diagnosis.regression.evidence import Pool
 from bdnn_ros.diagnosis.regression.fit import Fit
 from bdnn_ros.diagnosis.regression.term import Term
-from bdnn_ros.diagnosis.search.search import Search, Selection
+from bdnn_ros.diagnosis.search.search import Search
+from bdnn_ros.diagnosis.search.selection import Selection
 from bdnn_ros.effects.environment import ExternalWrench, Push, window
 from bdnn_ros.effects.motion import Motion
 
@@ -88,14 +89,14 @@ def _single(search: Search, selection: Selection, crowd: Sequence[int]) -> tuple
     That it changes costs as much as another push.
     """
     pool, rest = selection.pool, _without(selection, crowd)
-    fit, costs = pool.fit(rest), 2.0 * search.costs(pool, rest, range(len(pool.terms)))
+    fit, costs = pool.fit(rest), 2.0 * search.moves.costs(pool, rest, range(len(pool.terms)))
     whole = _joined([pool.terms[c] for c in crowd])
     if len(crowd) == 1:
         (one,) = crowd
         gain = (1.0 + BETTER) * pool.gain_of(fit, pool.terms[one])[0]
         if _swelling(pool, fit, pool.terms[one], whole) - costs[one] < gain:
             return None
-    constant = search.score(pool, selection.chosen) - search.score(pool, rest)
+    constant = search.moves.score(pool, selection.chosen) - search.moves.score(pool, rest)
     pool = reshaped(pool, rest, search.candidates.robot)
     pushes = pushes_but(pool, rest, crowd[0])
     gains = dict(zip(pushes, pool.gains(fit, pushes), strict=True))

@@ -13,12 +13,12 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-from numpy.linalg import LinAlgError
-from scipy.linalg import cho_factor, cho_solve, solve_triangular
+from scipy.linalg import cho_solve, solve_triangular
 
 from bdnn_ros.diagnosis.regression.bounded import (
     EXACT,
     by_block,
+    explained,
     factored,
     gains_of,
     held,
@@ -31,7 +31,7 @@ from bdnn_ros.diagnosis.regression.equations import Equations
 from bdnn_ros.diagnosis.regression.fit import Fit
 from bdnn_ros.diagnosis.regression.noise import Noise
 from bdnn_ros.diagnosis.regression.nuisances import BLURS
-from bdnn_ros.diagnosis.regression.term import Term
+from bdnn_ros.diagnosis.regression.term import Term, kinds_of
 
 
 class Pool:
@@ -61,11 +61,7 @@ class Pool:
         self.precision = 1.0 / np.concatenate(spread) ** 2
         free = np.tile([-np.inf, np.inf], (self.base, 1))
         self.lower, self.upper = np.vstack([free, *(t.effect.coefficient_bounds for t in self.terms)]).T
-        own = [term.kinds for term in self.terms]
-        self.kinds_of_each = [len(kinds) for kinds in own]
-        most = max(self.kinds_of_each, default=1)
-        kinds = (np.broadcast_to(kinds, (most, kinds.shape[1])) for kinds in own)
-        self.kinds = np.concatenate([np.ones((most, self.base)), *kinds], axis=1)  # all are of one kind
+        self.kinds, self.kinds_of_each = kinds_of(self.terms, self.base)
         self.white = equations.whitening.of(
             np.concatenate([equations.rigid, nuisance, *columns], axis=2), noise
         )
@@ -76,33 +72,37 @@ class Pool:
         self._fits: dict[tuple[int, ...], Fit] = {}
         self._held_out: dict[tuple[int, ...], np.ndarray] = {}
         self._tall: tuple[tuple[object, ...], tuple[np.ndarray, np.ndarray]] | None = None
-        history = equations.whitening.history(noise.order)
-        stds = noise.of(equations.whitening.recent_sticking_doubt(noise.order), np.maximum(history, 0))
-        self._scale = float(np.sum((history >= 0) * np.log(stds)))
+        self._scale = equations.whitening.log_scale(noise)
+
+    def _changed(self, **parts: object) -> Pool:
+        """The pool with some of its parts changed, and nothing cached of the old ones."""
+        other = copy(self)
+        other.__dict__.update(parts, _fits={}, _held_out={}, _tall=None)
+        other.__dict__.pop("total", None)
+        return other
 
     def with_link_error(self, link_error: float) -> Pool:
         """The pool with another prior standard deviation of the links' errors."""
-        other = copy(self)
-        other._fits, other._held_out = {}, {}
-        other.link_error = link_error
         spread = self.equations.errors.spread(link_error)
-        other.precision = np.concatenate([spread**-2.0, self.precision[len(spread) :]])
-        return other
+        precision = np.concatenate([spread**-2.0, self.precision[len(spread) :]])
+        return self._changed(link_error=link_error, precision=precision)
+
+    def still(self) -> Pool:
+        """The pool whose fits are zero: as if the reference had predicted all that was measured."""
+        return self._changed(moment=np.zeros_like(self.moment))
 
     def replacing(self, found: Mapping[int, Term], columns: np.ndarray | None = None) -> Pool:
         """The pool with new shapes of some terms; for a single term, optionally with given columns, rows (R, n, k)."""
         if not found:
             return self
-        other = copy(self)
-        other._fits, other._held_out, other._tall = {}, {}, None
-        other.terms, other.precision, other.white = list(self.terms), self.precision.copy(), self.white.copy()
+        kept = {name: getattr(self, name).copy() for name in ("precision", "white", "gram", "moment")}
+        other = self._changed(terms=list(self.terms), **kept)
         for one, term in found.items():
             made, own = self.equations.columns.of(term) if columns is None else columns, self.slots[one]
             other.terms[one] = term
             other.precision[own] = self.equations.spread(term, made) ** -2.0
             other.white[:, :, own] = self.equations.whitening.of(made, self.noise)
         slot = np.concatenate([self.slots[one] for one in found])
-        other.gram, other.moment = self.gram.copy(), self.moment.copy()
         for b, rows in enumerate(pieces(self.equations.rows.block)):
             new = other.white[rows][:, :, slot].reshape(-1, len(slot))
             cross = other.white[rows].reshape(-1, other.white.shape[2]).T @ new
@@ -110,7 +110,6 @@ class Pool:
             other.moment[b][slot] = new.T @ self.white_target[rows].ravel()
         for one, term in found.items():
             other.moment[:, self.slots[one]] -= self.equations.noise_gain(term, len(self.slots[one]))
-        other.__dict__.pop("total", None)
         return other
 
     @cached_property
@@ -179,12 +178,8 @@ class Pool:
         """
         gram, moment, power = self.total
         index = self.columns_of(candidates)
-        try:
-            least = self.precision[index] * self.kinds[:, index].min(axis=0)
-            factor = cho_factor(gram[np.ix_(index, index)] + np.diag(least), lower=True)
-        except LinAlgError:
-            return np.inf
-        return float(0.5 * (moment[index] @ cho_solve(factor, moment[index]) - power) - self._scale)
+        least = self.precision[index] * self.kinds[:, index].min(axis=0)
+        return explained(gram[np.ix_(index, index)], moment[index], least, power) - self._scale
 
     def columns_of(self, chosen: Sequence[int]) -> np.ndarray:
         """Column indices of links, nuisances and some terms."""

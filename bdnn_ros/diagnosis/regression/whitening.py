@@ -33,6 +33,11 @@ class Whitening:
             self._last = noise, noise.whitening(*self._past(noise.order))
         return whitened(values, *(each[rows][:, joints] for each in self._last[1]))
 
+    def log_scale(self, noise: Noise) -> float:
+        """Sum of the logarithms of the usable rows' noise: what whitening by it adds to a log likelihood, negative."""
+        history, doubt = self._past(noise.order)
+        return float(np.sum((history >= 0) * np.log(noise.of(doubt, np.maximum(history, 0)))))
+
     def history(self, order: int = ORDER) -> np.ndarray:
         """Number of usable rows directly before each, at most the order, (R, n); -1 for an unusable row."""
         return self._past(order)[0]
