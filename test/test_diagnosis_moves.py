@@ -116,7 +116,7 @@ def test_a_single_block_has_no_veto(gained, better):
     pool = SimpleNamespace(
         held_out=lambda chosen: 0.0 * without if chosen else without, disbelief=lambda chosen: 0.0
     )
-    equations = SimpleNamespace(block=np.arange(20), blocks=20)
+    equations = SimpleNamespace(rows=SimpleNamespace(block=np.arange(20), blocks=20))
     moves = Moves(equations, Candidates.of(Robot.bundled("arm2")))
     assert moves.predicts_better(pool, (0,), ()) is better
 
