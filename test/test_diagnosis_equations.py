@@ -289,9 +289,9 @@ def test_of_joints_that_move_now_and_then_nothing_is_told_that_changes_with_time
 
 def test_nor_where_the_low_pass_leaves_few_values_of_a_motion(plain):
     signals, robot = plain.motion.signals, plain.motion.robot
-    low = 0.9 * LEAST_VALUES / (2.0 * plain.moving.max())
+    low = 0.9 * LEAST_VALUES / (2.0 * plain.rows.moving.max())
     slow = replace(signals, cutoff=low, own=Lowpass(low, 0))
-    assert plain.moving.max() > LEAST_MOTION and plain.moving.max() < least_motion(slow)
+    assert plain.rows.moving.max() > LEAST_MOTION and plain.rows.moving.max() < least_motion(slow)
     assert not in_time(build(slow, robot))[0]
 
 
