@@ -163,7 +163,7 @@ def noise_floor(simulated: Simulated, examination: Examination) -> np.ndarray:
         left.append(signals.smooth(signals.effort - effort - added))
     if left[0].shape != left[1].shape or len(left[0]) <= equations.rows.max():
         return np.full(len(noisy.joints), np.nan)
-    error = (left[0] - left[1])[equations.rows]
+    error = (left[0] - left[1])[equations.rows.samples]
     held = equations.usable & examination.test[:, None]
     return np.sqrt(np.sum(np.where(held, error, 0.0) ** 2, axis=0) / np.maximum(held.sum(axis=0), 1))
 

@@ -37,14 +37,14 @@ def evidence(
     robot, equations = examination.robot, examination.equations
     counted = equations.usable
     equations.use_rows(
-        equations.usable_before_holdout
+        equations.rows.usable
     )  # what a search sees, more than what parameters are estimated from
     own = [_term(one) for one in hidden if not one.effect.kinematic]
     terms = [*own, *_wear(truth, robot)]
     pool = Pool(equations, examination.pool.noise, terms, examination.pool.link_error)
     for _ in range(ROUNDS):
         residual = pool.residual(pool.whole)
-        noise = noise_of(equations, residual, 1e-4 * equations.effort_scale)
+        noise = noise_of(equations, residual, 1e-4 * equations.rows.effort_scale)
         update_load(Candidates.of(robot), equations, pool)
         pool = Pool(equations, noise, terms, pool.link_error)
     gained = {(term.effect.name, term.target): _gain(pool, k) for k, term in enumerate(own)}

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from bdnn_ros.diagnosis.regression.building import build
-from bdnn_ros.diagnosis.regression.equations import Equations, Noise
+from bdnn_ros.diagnosis.regression.equations import Equations
+from bdnn_ros.diagnosis.regression.noise import Noise
 from bdnn_ros.diagnosis.regression.term import Term
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.registry import EFFECTS, get, parse_spec, variants
@@ -61,14 +62,14 @@ def equations_of(
 def white(equations: Equations, std: float, seed: int = 0) -> tuple[np.ndarray, Noise]:
     """White noise on the rows, (R, n) [N·m], and its model."""
     rng = np.random.default_rng(seed)
-    noise = Noise(np.zeros((equations.width, 1)), np.full(equations.width, std))
-    return std * rng.standard_normal(equations.target.shape), noise
+    noise = Noise(np.zeros((equations.rows.width, 1)), np.full(equations.rows.width, std))
+    return std * rng.standard_normal(equations.rows.target.shape), noise
 
 
 def coloured(equations: Equations, coefficients: np.ndarray, std: float, seed: int = 0) -> np.ndarray:
     """Autoregressive noise on the rows, (R, n) [N·m]."""
     rng = np.random.default_rng(seed)
-    result = std * rng.standard_normal(equations.target.shape)
+    result = std * rng.standard_normal(equations.rows.target.shape)
     for k in range(len(result)):
         for lag, a in enumerate(coefficients, start=1):
             if k >= lag:

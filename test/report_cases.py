@@ -73,10 +73,10 @@ class LeastSquares:
 
     @classmethod
     def of(cls, equations: Equations, terms: Sequence[Term]) -> LeastSquares:
-        columns = [equations.rigid, *(equations.columns(term) for term in terms)]
-        whole = np.concatenate(columns, axis=2) / equations.effort_scale[:, None]
+        columns = [equations.rigid, *(equations.columns.of(term) for term in terms)]
+        whole = np.concatenate(columns, axis=2) / equations.rows.effort_scale[:, None]
         tall = whole[equations.usable]
-        target = (equations.target / equations.effort_scale)[equations.usable]
+        target = (equations.rows.target / equations.rows.effort_scale)[equations.usable]
         links = equations.rigid.shape[2]
         prior = np.concatenate([np.full(links, cls.link_error), np.full(tall.shape[1] - links, 1e3)])
         covariance = np.linalg.inv(tall.T @ tall / 0.02**2 + np.diag(prior**-2.0))
@@ -84,16 +84,16 @@ class LeastSquares:
 
     def residual(self, fit: object, blur: bool = True) -> np.ndarray:
         equations = self.equations
-        left = equations.target - equations.rigid @ self.coefficients[: equations.rigid.shape[2]]
+        left = equations.rows.target - equations.rigid @ self.coefficients[: equations.rigid.shape[2]]
         for estimate in self.estimates():
-            left = left - equations.columns(estimate.term) @ estimate.coefficients
+            left = left - equations.columns.of(estimate.term) @ estimate.coefficients
         return np.asarray(left)
 
     def estimates(self) -> list[Estimate]:
         """The terms, with shapes taken as known to a part in a thousand."""
         found, at = [], self.equations.rigid.shape[2]
         for term in self.terms:
-            size = self.equations.columns(term).shape[2]
+            size = self.equations.columns.of(term).shape[2]
             rows = slice(at, at + size)
             spread = [1e-6 * max(value**2, 1e-6) for _, value in term.shape]
             covariance = np.zeros((size + len(spread),) * 2)
@@ -128,16 +128,16 @@ def examined(
     """An examination that has found these effects, the first with these rivals."""
     signals: Signals = prepare(recording)
     equations = build(signals, robot)
-    test = equations.block % 5 == 2
+    test = equations.rows.block % 5 == 2
     fit = LeastSquares.of(equations, terms_of(robot, specs))
     found, residual = fit.estimates(), fit.residual(None)
     remainder = _remainder(equations, residual, depends_on)
     held = equations.usable & test[:, None]
-    before = float(np.sum(equations.target[held] ** 2))
+    before = float(np.sum(equations.rows.target[held] ** 2))
     findings = []
     for k, estimate in enumerate(found):
         term = estimate.term
-        part = equations.columns(term) @ estimate.coefficients
+        part = equations.columns.of(term) @ estimate.coefficients
         joint = robot.joints[term.target] if term.target >= 0 and not term.link else None
         where = term.link or joint or "The base"
         effect = term.effect.at(robot, term.target, term.link)
@@ -159,7 +159,7 @@ def examined(
     def rms(values: np.ndarray) -> np.ndarray:
         return np.sqrt(np.mean(np.where(held, values, 0.0) ** 2, axis=0) / held.mean(axis=0))
 
-    simulation, extended = rms(equations.target), rms(residual)
+    simulation, extended = rms(equations.rows.target), rms(residual)
     gain = 1.0 - float(np.sqrt(np.sum(residual[held] ** 2) / before))
     diagnosis = Diagnosis(
         source={
@@ -187,7 +187,7 @@ def examined(
         notes=tuple(notes),
     )
     links = equations.rigid @ fit.coefficients[: equations.rigid.shape[2]]
-    by_links = share_of(links, residual, equations.target, held)
+    by_links = share_of(links, residual, equations.rows.target, held)
     return Examination(
         diagnosis, (recording,), robot, equations, fit, fit, tuple(found), test, residual, by_links, remainder
     )
@@ -200,7 +200,7 @@ def _remainder(equations: Equations, residual: np.ndarray, depends_on: str) -> R
     if not depends_on:
         return Remainder(floor, {}, predicted)
     j = equations.motion.signals.joints.index(depends_on)
-    position = equations.motion.position[equations.rows, j]
+    position = equations.motion.position[equations.rows.samples, j]
     predicted[:, j] = np.polyval(np.polyfit(position, residual[:, j], 3), position)
     return Remainder(floor, {depends_on: {f"{depends_on}.position": 1.0}}, predicted)
 

@@ -27,7 +27,7 @@ def found(masses: np.ndarray, own: float = 0.03) -> Common | None:
     errors[::PER_LINK] += masses
     equations = equations_of((), "arm6", errors)
     error, noise = white(equations, STD)
-    equations.target = equations.target + error
+    equations = equations.with_target(equations.rows.target + error)
     motion = equations.motion
     terms = [term.shaped(term.shapes(motion)[0]) for term in LINKS]
     return common(equations, Pool(equations, noise, terms, 0.05))

@@ -21,10 +21,10 @@ def advised(uneven: float, one_way: bool = False, noise: float = 0.02, law: str 
     """The advice on Coulomb friction of 0.3 N·m that is so much more one way [N·m], and its rival, along a motion."""
     spec = f"asymmetric_friction@arm2_joint2:positive={0.3 + uneven},negative=0.3"
     equations = equations_of([spec], duration=40.0)
-    left, model = white(equations, noise * float(equations.effort_scale[1]))
-    equations.target = equations.target + left
+    left, model = white(equations, noise * float(equations.rows.effort_scale[1]))
+    equations = equations.with_target(equations.rows.target + left)
     if one_way:
-        velocity = equations.motion.velocity[equations.rows]
+        velocity = equations.motion.velocity[equations.rows.samples]
         equations.use_rows(equations.usable & (velocity > 0.5 * velocity.max(axis=0)))
     pool, rival = Pool(equations, model, [Term(get("coulomb_friction"), 1)], 0.02), Term(get(law), 1)
     rival = rival.shaped(rival.shapes(equations.motion)[0])

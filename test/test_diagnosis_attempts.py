@@ -53,9 +53,7 @@ def test_the_first_attempt_that_is_no_surprise_or_the_smaller_one(
     equations = SimpleNamespace(
         usable=sure,
         motion="at first",
-        block=block,
-        effort_scale=np.ones(1),
-        sticking_doubt=np.zeros((100, 1)),
+        rows=SimpleNamespace(block=block, effort_scale=np.ones(1), sticking_doubt=np.zeros((100, 1))),
     )
     equations.use_motion = lambda motion: setattr(equations, "motion", motion)
     equations.use_rows = lambda rows: setattr(equations, "usable", rows)
@@ -95,16 +93,16 @@ def test_a_push_between_the_held_out_blocks_is_held_out_by_a_fifth(when, more):
     """Of blocks of 2 s that from 4 s to 6 s is held out. What is left of the push predicts its middle fifth to the noise."""
     spec = f"external_wrench@arm2_link2:force_x=20,force_z=-10,start={when[0]},end={when[1]}"
     equations, (push, _) = equations_of([spec]), term(spec, Robot.bundled("arm2"))
-    noise = Noise(np.zeros((equations.width, ORDER)), 0.01 * equations.effort_scale)
-    draw = np.random.default_rng(0).standard_normal(equations.target.shape)
-    equations.target[:] += noise.std * draw
-    whole, test = equations.usable, equations.block % 5 == 2
+    noise = Noise(np.zeros((equations.rows.width, ORDER)), 0.01 * equations.rows.effort_scale)
+    draw = np.random.default_rng(0).standard_normal(equations.rows.target.shape)
+    equations.rows.target[:] += noise.std * draw
+    whole, test = equations.usable, equations.rows.block % 5 == 2
     equations.use_rows(whole & ~test[:, None])
     pool = Pool(equations, noise, [push], 0.05)
     attempt = Attempt(test, [], pool, pool.residual_of_all())
     equations.use_rows(whole)
     found = completed(equations, attempt)
-    time = equations.motion.time[equations.rows]
+    time = equations.rows.time
     middle = time[found.test & ~test]
     assert len(middle) * np.median(np.diff(time)) == pytest.approx(more, abs=0.1)
     assert (np.abs(middle - np.mean(when)) < 0.15 * (when[1] - when[0])).all()
@@ -116,32 +114,32 @@ def test_a_push_between_the_held_out_blocks_is_held_out_by_a_fifth(when, more):
 def test_terms_that_do_harm_are_given_up() -> None:
     equations = equations_of(["viscous_friction@arm2_joint1:viscous=3"])
     noise, model = white(equations, 0.02)
-    equations.target = equations.target + noise
+    equations = equations.with_target(equations.rows.target + noise)
     one, _ = term("viscous_friction@arm2_joint1:viscous=3", Robot.bundled("arm2"))
     pool = Pool(equations, model, [one], 1e-3)
-    test = equations.block % 5 == 2
+    test = equations.rows.block % 5 == 2
     found = estimates(pool, pool.whole)
-    for left, kept in ((0.1 * equations.target, 1), (1.5 * equations.target, 0)):
+    for left, kept in ((0.1 * equations.rows.target, 1), (1.5 * equations.rows.target, 0)):
         attempt = Attempt(test, [], pool, left)
         new, plain, told = without_harm(equations, attempt, pool, found)
         assert (len(plain.terms), len(told), len(new.fitted.terms)) == (kept, kept, kept)
-    assert np.sum(new.extended**2) < np.sum((1.5 * equations.target) ** 2)
+    assert np.sum(new.extended**2) < np.sum((1.5 * equations.rows.target) ** 2)
 
 
 def test_corrections_that_do_harm_alone_are_given_up() -> None:
     """What was compared with stays as it is then, and the error does not grow."""
     equations = equations_of(["viscous_friction@arm2_joint1:viscous=3"])
     noise, model = white(equations, 0.02)
-    equations.target = equations.target + noise
-    test = equations.block % 5 == 2
+    equations = equations.with_target(equations.rows.target + noise)
+    test = equations.rows.block % 5 == 2
     pool, whole = Pool(equations, model, [], 0.05), equations.usable
-    attempt = Attempt(test, [], pool, 1.5 * equations.target)
-    equations.target[test] *= -1.0  # what is held out is the opposite of all else
+    attempt = Attempt(test, [], pool, 1.5 * equations.rows.target)
+    equations.rows.target[test] *= -1.0  # what is held out is the opposite of all else
     new, plain, told = without_harm(equations, attempt, pool, [])
     assert (plain.terms, told) == ([], [])
     assert not plain.whole.coefficients.any() and not new.fitted.whole.coefficients.any()
-    np.testing.assert_array_equal(new.extended, equations.target)
-    np.testing.assert_array_equal(plain.residual_of_all(), equations.target)
+    np.testing.assert_array_equal(new.extended, equations.rows.target)
+    np.testing.assert_array_equal(plain.residual_of_all(), equations.rows.target)
     assert held_out_gain(equations, new.extended, whole & test[:, None]) == (0.0, (0.0, 0.0))
-    same, _, _ = without_harm(equations, replace(attempt, extended=0.1 * equations.target), pool, [])
+    same, _, _ = without_harm(equations, replace(attempt, extended=0.1 * equations.rows.target), pool, [])
     assert same.extended is not new.extended and same.fitted is pool

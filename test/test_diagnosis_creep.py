@@ -400,6 +400,6 @@ def test_a_little_less_of_much_friction_is_when_all_of_it_is_there():
     creep = np.zeros((ROBOT.width, 3))
     creep[JOINT, :2] = 0.2 * 1.01
     equations = build(replace(signals, creep=creep), dry)
-    noise = Noise(np.zeros((ROBOT.width, 1)), 1e-3 * equations.effort_scale)
+    noise = Noise(np.zeros((ROBOT.width, 1)), 1e-3 * equations.rows.effort_scale)
     pool = Pool(equations, noise, [], 1e-6)
     assert pool.nuisances(pool.whole)[-1] == pytest.approx(-0.4, rel=0.1)

@@ -32,12 +32,12 @@ def test_noise_gains_the_mean_logarithm_of_what_is_taken_from_it(equations, shar
     inertia, _, cutoff = ELASTICITY.echo(motion, 0, dict(term.shape))
     middle = np.zeros((len(motion.time), 1))
     middle[len(middle) // 2] = 1.0
-    rows_apart = np.median(np.diff(motion.time[equations.rows]))
+    rows_apart = np.median(np.diff(motion.time[equations.rows.samples]))
     frequencies = np.arange(0.01, 0.5 / rows_apart, 0.01)
     turns = np.exp(-2j * np.pi * np.outer(frequencies, motion.time - motion.time[len(middle) // 2]))
     passed = np.abs(turns @ signals.passed(middle, cutoff)[:, 0])
     left = 1.0 - at * inertia * (2.0 * np.pi * frequencies) ** 2 * passed
-    expected = -np.mean(np.log(left)) * equations.full()[:, 0].sum()
+    expected = -np.mean(np.log(left)) * equations.whitening.full()[:, 0].sum()
     assert at * equations.noise_gain(term, 1).sum() == pytest.approx(expected, rel=0.15)
 
 

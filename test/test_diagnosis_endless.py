@@ -37,10 +37,10 @@ ARM = Robot.bundled("arm6")
 def test_a_push_is_seen_to_begin_and_to_end_or_pulls_as_a_weight(spec, unseen):
     equations = equations_of([spec], "arm6")
     noise, model = white(equations, 0.02)
-    equations.target = equations.target + noise
+    equations = equations.with_target(equations.rows.target + noise)
     one, _ = term(spec, ARM)
     if one.effect.timed:  # it is found where rows are
-        time = equations.motion.time[equations.rows]
+        time = equations.rows.time
         shape = dict(one.shape)
         shape |= {"start": max(shape["start"], time[0]), "end": min(shape["end"], time[-1])}
         one = one.shaped(shape)
@@ -56,11 +56,11 @@ def test_what_lasts_all_through_one_of_several_recordings_may_be_a_drift_of_each
     push = f"external_wrench@arm6_joint3:start=-1,end={end},torque=12"
     equations = equations_of([push], "arm6")
     noise, model = white(equations, 0.02)
-    equations.target = equations.target + noise
+    equations = equations.with_target(equations.rows.target + noise)
     motion = equations.motion
-    equations.motion = replace(motion, signals=replace(motion.signals, begun=(float(motion.time[0]), 5.5)))
+    equations.use_motion(replace(motion, signals=replace(motion.signals, begun=(float(motion.time[0]), 5.5))))
     one, _ = term(push, ARM)
-    one = one.shaped({**dict(one.shape), "start": float(motion.time[equations.rows][0])})
+    one = one.shaped({**dict(one.shape), "start": float(motion.time[equations.rows.samples][0])})
     pool = Pool(equations, model, [one], 1e-3)
     (estimate,) = estimates(pool, pool.whole)
     (told,) = endless(estimate, "the tool", equations)

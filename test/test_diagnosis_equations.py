@@ -22,6 +22,7 @@ from bdnn_ros.diagnosis.regression.building import (
 from bdnn_ros.diagnosis.regression.coloring import noise_of, without_trends
 from bdnn_ros.diagnosis.regression.equations import Equations
 from bdnn_ros.diagnosis.regression.evidence import Pool
+from bdnn_ros.diagnosis.regression.known import Known
 from bdnn_ros.diagnosis.regression.noise import Noise
 from bdnn_ros.diagnosis.search.candidates import Candidates
 from bdnn_ros.effects.registry import parse_spec
@@ -64,7 +65,7 @@ def plain() -> Equations:
 def test_without_noise_the_target_is_the_column_times_its_coefficient(robot, spec):
     equations = equations_of([spec])
     one, coefficients = term(spec, robot)
-    np.testing.assert_allclose(equations.target, equations.columns(one) @ coefficients, atol=1e-9)
+    np.testing.assert_allclose(equations.rows.target, equations.columns.of(one) @ coefficients, atol=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -75,25 +76,25 @@ def test_an_offset_may_be_a_share_of_what_a_joint_bears(robot, plain, spec):
     bearing = equations_of([f"effort_offset@{J1}:offset=-300"])
     friction, _ = term(SPECS[0], robot)
     one, _ = term(spec, robot)
-    believed, before = (each.spread(one, each.columns(one)) for each in (bearing, plain))
+    believed, before = (each.spread(one, each.columns.of(one)) for each in (bearing, plain))
     assert (believed > 3.0 * before).all()
-    np.testing.assert_allclose(believed / before, bearing.effort_size[0] / plain.effort_size[0])
-    assert bearing.effort_size[0] == pytest.approx(300.0, rel=0.1)
-    same = [each.spread(friction, each.columns(friction)) for each in (bearing, plain)]
+    np.testing.assert_allclose(believed / before, bearing.rows.effort_size[0] / plain.rows.effort_size[0])
+    assert bearing.rows.effort_size[0] == pytest.approx(300.0, rel=0.1)
+    same = [each.spread(friction, each.columns.of(friction)) for each in (bearing, plain)]
     np.testing.assert_allclose(*same)
 
 
 def test_errors_of_the_links_are_in_the_rigid_columns():
     errors = np.random.default_rng(0).normal(size=2 * PER_LINK) * 0.1
     equations = equations_of(errors=errors)
-    np.testing.assert_allclose(equations.target, equations.rigid @ errors, atol=1e-9)
-    assert np.abs(equations.target).max() > 0.1
+    np.testing.assert_allclose(equations.rows.target, equations.rigid @ errors, atol=1e-9)
+    assert np.abs(equations.rows.target).max() > 0.1
 
 
 def test_a_model_in_the_simulations_place(robot):
     signals = signals_of()
     other = described_effort(robot, signals) + 2.0
-    np.testing.assert_allclose(build(signals, robot, other).target, -2.0, atol=1e-9)
+    np.testing.assert_allclose(build(signals, robot, other).rows.target, -2.0, atol=1e-9)
 
 
 def test_the_first_relative_unit_scales_a_link_as_a_whole(robot):
@@ -106,10 +107,10 @@ def test_the_first_relative_unit_scales_a_link_as_a_whole(robot):
 
 def test_whitening_some_joints_is_whitening_all_of_them(plain):
     noise = Noise(np.tile(AR, (2, 1)), np.array([0.3, 2.0]))
-    values = np.random.default_rng(2).standard_normal((*plain.target.shape, 3))
+    values = np.random.default_rng(2).standard_normal((*plain.rows.target.shape, 3))
     for joints in (np.array([1]), np.array([0, 1]), np.array([], int)):
-        some = plain.whiten(values[:, joints], noise, joints)
-        np.testing.assert_array_equal(some, plain.whiten(values, noise)[:, joints])
+        some = plain.whitening.of(values[:, joints], noise, joints)
+        np.testing.assert_array_equal(some, plain.whitening.of(values, noise)[:, joints])
 
 
 @pytest.mark.parametrize("name", ["arm2", "arm6", "arm7"])
@@ -137,7 +138,7 @@ def test_noise_of_the_position_is_weighed_down_by_itself(name, seed):
     equations = build(signals, robot)
     soft = [one for one in Candidates.of(robot).terms if one.effect.name == "joint_elasticity"]
     terms = [one.shaped(one.effect.shapes(equations.motion, one.target)[0]) for one in soft]
-    pool = Pool(equations, Noise(np.zeros((robot.width, 1)), 0.01 * equations.effort_scale), terms, 0.05)
+    pool = Pool(equations, Noise(np.zeros((robot.width, 1)), 0.01 * equations.rows.effort_scale), terms, 0.05)
     for _ in range(3):
         noise = noise_of(equations, pool.residual(pool.fit(())), np.full(robot.width, 1e-9))
         pool = Pool(equations, noise, terms, 0.05)
@@ -151,13 +152,13 @@ def test_noise_of_the_position_is_weighed_down_by_itself(name, seed):
 def test_whitening_gives_back_what_the_noise_was_made_of(plain):
     std = np.array([0.3, 2.0])
     rng = np.random.default_rng(1)
-    innovations = rng.standard_normal(plain.target.shape)
+    innovations = rng.standard_normal(plain.rows.target.shape)
     noise = np.zeros_like(innovations)
     for k in range(len(noise)):
         past = [AR[i] * noise[k - 1 - i] for i in range(3) if k > i]
         noise[k] = std * innovations[k] + np.sum(past, axis=0)
-    full = plain.full()
-    whitened = plain.whiten(noise, Noise(np.tile(AR, (2, 1)), std))
+    full = plain.whitening.full()
+    whitened = plain.whitening.of(noise, Noise(np.tile(AR, (2, 1)), std))
     np.testing.assert_allclose(whitened[full], innovations[full], atol=1e-9)
     assert not whitened[~plain.usable].any()
 
@@ -166,11 +167,11 @@ def test_the_noise_model_is_found_and_makes_the_residual_white():
     equations = equations_of(duration=40.0)
     residual = coloured(equations, AR, 0.2)
     noise = noise_of(equations, residual, np.full(2, 1e-6))
-    rows = equations.full().sum(axis=0).min()
+    rows = equations.whitening.full().sum(axis=0).min()
     np.testing.assert_allclose(noise.coefficients, np.tile(AR, (2, 1)), atol=4.0 / np.sqrt(rows))
     np.testing.assert_allclose(noise.std, 0.2, rtol=4.0 / np.sqrt(2.0 * rows))
-    good = equations.full().all(axis=1)
-    whitened = equations.whiten(residual, noise)[good]
+    good = equations.whitening.full().all(axis=1)
+    whitened = equations.whitening.of(residual, noise)[good]
     correlation = [np.mean(whitened[lag:] * whitened[:-lag], axis=0) for lag in range(1, 7)]
     assert np.abs(correlation).max() < 4.0 / np.sqrt(rows)
     raw = np.mean(residual[1:] * residual[:-1], axis=0) / np.mean(residual**2, axis=0)
@@ -178,38 +179,38 @@ def test_the_noise_model_is_found_and_makes_the_residual_white():
 
 
 def test_a_random_walk_stays_stable(plain):
-    residual = np.cumsum(np.random.default_rng(2).standard_normal(plain.target.shape), axis=0)
+    residual = np.cumsum(np.random.default_rng(2).standard_normal(plain.rows.target.shape), axis=0)
     noise = noise_of(plain, residual, np.full(2, 1e-6))
     for a in noise.coefficients:
         assert np.abs(np.roots([1.0, *-a])).max() < 0.99
 
 
 def test_noise_never_falls_below_its_floor(plain):
-    noise = noise_of(plain, np.zeros_like(plain.target), np.array([0.1, 0.2]))
+    noise = noise_of(plain, np.zeros_like(plain.rows.target), np.array([0.1, 0.2]))
     np.testing.assert_allclose(noise.std, [0.1, 0.2])
 
 
 def test_rows_know_how_much_of_their_noise_was_seen(plain):
-    equations = replace(plain, usable=np.ones_like(plain.usable))
+    equations = replace(plain, rows=replace(plain.rows, usable=np.ones_like(plain.usable)))
     row = 40
     equations.usable[row, 1] = False
-    history = equations.history(3)
+    history = equations.whitening.history(3)
     np.testing.assert_array_equal(history[row : row + 5, 1], [-1, 0, 1, 2, 3])
     assert (history[row - 1 : row + 5, 0] == 3).all()
-    for run in equations.runs:
+    for run in equations.rows.runs:
         np.testing.assert_array_equal(history[run.start : run.start + 3, 0], [0, 1, 2])
 
 
 def test_squares_and_scales_are_the_gaussian_likelihood_across_gaps(plain):
     """Whitening row by row gives what the whole covariance matrix of what is left of the noise gives."""
-    equations = replace(plain, usable=np.ones_like(plain.usable))
+    equations = replace(plain, rows=replace(plain.rows, usable=np.ones_like(plain.usable)))
     equations.usable[[30, 32, 33, 50], 0] = False
     std = 0.4
     noise = Noise(np.tile(AR, (2, 1)), np.full(2, std))
-    residual = np.random.default_rng(5).standard_normal(plain.target.shape)
-    history = equations.history(3)
+    residual = np.random.default_rng(5).standard_normal(plain.rows.target.shape)
+    history = equations.whitening.history(3)
     scales = noise.of(np.zeros_like(equations.usable), np.maximum(history, 0))
-    squares = np.sum(equations.whiten(residual, noise)[:, 0] ** 2)
+    squares = np.sum(equations.whitening.of(residual, noise)[:, 0] ** 2)
     logs = np.sum(np.log(scales[equations.usable[:, 0], 0]))
     response = [1.0]
     for k in range(1, 400):
@@ -217,7 +218,7 @@ def test_squares_and_scales_are_the_gaussian_likelihood_across_gaps(plain):
     lags = [std**2 * np.dot(response[: 400 - k], response[k:]) for k in range(400)]
     wanted_squares = wanted_logs = 0.0
     broken = np.flatnonzero(~equations.usable[:, 0])
-    for run in equations.runs:
+    for run in equations.rows.runs:
         inside = broken[(broken >= run.start) & (broken < run.stop)]
         for piece in np.split(np.arange(run.start, run.stop), inside - run.start):
             piece = piece[equations.usable[piece, 0]]
@@ -230,9 +231,9 @@ def test_squares_and_scales_are_the_gaussian_likelihood_across_gaps(plain):
 
 def test_a_straight_line_in_each_block_is_taken_out(plain):
     rng = np.random.default_rng(3)
-    lines = np.empty_like(plain.target)
-    for b in range(plain.blocks):
-        rows = np.flatnonzero(plain.block == b)
+    lines = np.empty_like(plain.rows.target)
+    for b in range(plain.rows.blocks):
+        rows = np.flatnonzero(plain.rows.block == b)
         lines[rows] = rng.normal(size=2) + np.outer(np.arange(len(rows)), rng.normal(size=2))
     noise, _ = white(plain, 1.0)
     np.testing.assert_allclose(without_trends(plain, lines), 0.0, atol=1e-9)
@@ -243,12 +244,12 @@ def test_a_straight_line_in_each_block_is_taken_out(plain):
 
 
 def test_blocks_are_runs_of_about_two_seconds_that_cover_everything(plain):
-    time = plain.motion.time[plain.rows]
-    assert (np.diff(plain.block) >= 0).all()
-    np.testing.assert_array_equal(np.unique(plain.block), np.arange(plain.blocks))
-    for b in range(plain.blocks):
-        assert np.ptp(time[plain.block == b]) <= BLOCK_SECONDS
-    assert plain.blocks == np.ceil(np.ptp(time) / BLOCK_SECONDS)
+    time = plain.rows.time
+    assert (np.diff(plain.rows.block) >= 0).all()
+    np.testing.assert_array_equal(np.unique(plain.rows.block), np.arange(plain.rows.blocks))
+    for b in range(plain.rows.blocks):
+        assert np.ptp(time[plain.rows.block == b]) <= BLOCK_SECONDS
+    assert plain.rows.blocks == np.ceil(np.ptp(time) / BLOCK_SECONDS)
 
 
 @pytest.fixture(scope="module")
@@ -268,10 +269,10 @@ def in_turn() -> Equations:
 
 def test_joints_that_move_one_after_the_other_move_in_several_blocks(in_turn):
     """Blocks of two seconds would leave a joint's only motion out of the search, or out of what is held out."""
-    blocks = [len(np.unique(in_turn.block[in_turn.usable[:, j]])) for j in range(in_turn.width)]
-    assert (in_turn.moving < 4.0).all() and min(blocks) >= 4
-    time = in_turn.motion.time[in_turn.rows]
-    lengths = [np.ptp(time[in_turn.block == b]) for b in range(in_turn.blocks)]
+    blocks = [len(np.unique(in_turn.rows.block[in_turn.usable[:, j]])) for j in range(in_turn.rows.width)]
+    assert (in_turn.rows.moving < 4.0).all() and min(blocks) >= 4
+    time = in_turn.rows.time
+    lengths = [np.ptp(time[in_turn.rows.block == b]) for b in range(in_turn.rows.blocks)]
     assert 0.4 < np.median(lengths) < 1.0
 
 
@@ -288,18 +289,18 @@ def test_of_joints_that_move_now_and_then_nothing_is_told_that_changes_with_time
 
 def test_nor_where_the_low_pass_leaves_few_values_of_a_motion(plain):
     signals, robot = plain.motion.signals, plain.motion.robot
-    low = 0.9 * LEAST_VALUES / (2.0 * plain.moving.max())
+    low = 0.9 * LEAST_VALUES / (2.0 * plain.rows.moving.max())
     slow = replace(signals, cutoff=low, own=Lowpass(low, 0))
-    assert plain.moving.max() > LEAST_MOTION and plain.moving.max() < least_motion(slow)
+    assert plain.rows.moving.max() > LEAST_MOTION and plain.rows.moving.max() < least_motion(slow)
     assert not in_time(build(slow, robot))[0]
 
 
 def test_a_long_recording_has_longer_blocks(robot):
     signals = signals_of(duration=2.0 * MOST_BLOCKS + 20.0)
     equations = build(signals, robot)
-    time = equations.motion.time[equations.rows]
-    lengths = [np.ptp(time[equations.block == b]) for b in range(equations.blocks)]
-    assert equations.blocks == MOST_BLOCKS
+    time = equations.rows.time
+    lengths = [np.ptp(time[equations.rows.block == b]) for b in range(equations.rows.blocks)]
+    assert equations.rows.blocks == MOST_BLOCKS
     assert min(lengths) > BLOCK_SECONDS
     assert np.ptp(lengths) < 0.1 * BLOCK_SECONDS
 
@@ -313,18 +314,18 @@ def test_a_long_pause_does_not_make_blocks_long(robot):
         segments=(slice(0, half), slice(half, len(signals))),
     )
     equations = build(paused, robot)
-    time = equations.motion.time[equations.rows]
-    assert equations.blocks >= build(signals, robot).blocks
-    for run in equations.runs:
-        for b in np.unique(equations.block[run]):
-            assert np.ptp(time[run][equations.block[run] == b]) <= BLOCK_SECONDS
+    time = equations.rows.time
+    assert equations.rows.blocks >= build(signals, robot).rows.blocks
+    for run in equations.rows.runs:
+        for b in np.unique(equations.rows.block[run]):
+            assert np.ptp(time[run][equations.rows.block[run] == b]) <= BLOCK_SECONDS
 
 
 def test_two_recordings_share_no_run_and_no_block(robot):
     parts = [signals_of(seed=0), signals_of(seed=1)]
     equations = build(concatenated(parts), robot)
-    assert len(equations.runs) == 2
-    first, second = (set(equations.block[run].tolist()) for run in equations.runs)
+    assert len(equations.rows.runs) == 2
+    first, second = (set(equations.rows.block[run].tolist()) for run in equations.rows.runs)
     assert len(first & second) <= 1  # one may lie across the seam
 
 
@@ -333,10 +334,10 @@ def test_a_better_load_renews_only_columns_made_from_it():
     equations = equations_of()
     robot = equations.motion.robot
     (of_load, _), (other, _) = term(load_made, robot), term(SPECS[0], robot)
-    before = equations.columns(of_load).copy(), equations.columns(other)
-    equations.update_load(2.0 * equations.motion.load, equations.drive)
-    np.testing.assert_allclose(equations.columns(of_load), 2.0 * before[0], atol=1e-9)
-    assert equations.columns(other) is before[1]
+    before = equations.columns.of(of_load).copy(), equations.columns.of(other)
+    equations.update_load(2.0 * equations.motion.load, equations.decimation.simulated.drive)
+    np.testing.assert_allclose(equations.columns.of(of_load), 2.0 * before[0], atol=1e-9)
+    assert equations.columns.of(other) is before[1]
 
 
 @pytest.mark.parametrize("what", ["no effort", "no motion"])
@@ -385,7 +386,7 @@ def test_the_worst_recording_decides(robot, quiet):
 
 
 def test_rows_are_thinned_to_what_the_low_pass_leaves(plain):
-    spacing = np.diff(plain.motion.time[plain.rows])
+    spacing = np.diff(plain.rows.time)
     assert spacing.max() < 1.0 / (2.0 * CUTOFF)
     assert spacing.min() > 1.0 / (4.0 * CUTOFF)
 
@@ -393,9 +394,9 @@ def test_rows_are_thinned_to_what_the_low_pass_leaves(plain):
 def test_what_acts_only_in_held_out_rows_is_believed_to_be_as_small_as_anywhere(robot):
     equations = equations_of()
     push, _ = term(f"external_wrench@{J1}:start=3,end=6,torque=2", robot)
-    columns = equations.columns(push)
+    columns = equations.columns.of(push)
     everywhere = equations.spread(push, columns)
-    time = equations.motion.time[equations.rows]
+    time = equations.rows.time
     equations.use_rows(equations.usable & ~((time > 2.5) & (time < 6.5))[:, None])
     assert np.abs(columns[equations.usable]).max() < 1e-3 * np.abs(columns).max()
     assert equations.spread(push, columns) == pytest.approx(everywhere)
@@ -404,11 +405,13 @@ def test_what_acts_only_in_held_out_rows_is_believed_to_be_as_small_as_anywhere(
 def test_masses_of_a_description_are_believed_half_as_well_as_shapes_until_both_are_usual(plain, robot):
     masses = np.arange(robot.width * PER_LINK) % PER_LINK == 0
     for error, of_masses in ((0.01, 0.02), (0.02, 0.04), (0.05, 0.05), (0.1, 0.1)):
-        assert plain.link_spread(error) == pytest.approx(np.where(masses, of_masses, error))
+        assert plain.errors.spread(error) == pytest.approx(np.where(masses, of_masses, error))
     known = build(
-        plain.motion.signals, robot, left_open=LeftOpen.plain(np.eye(robot.width * (PER_LINK + PER_JOINT)))
+        plain.motion.signals,
+        robot,
+        known=Known(LeftOpen.plain(np.eye(robot.width * (PER_LINK + PER_JOINT)))),
     )
-    assert known.link_spread(0.02) == pytest.approx(0.02)
+    assert known.errors.spread(0.02) == pytest.approx(0.02)
 
 
 def test_links_are_off_by_shares_of_their_own_beneath_a_load():
@@ -418,5 +421,5 @@ def test_links_are_off_by_shares_of_their_own_beneath_a_load():
     known = model.compared()
     assert known.unloaded is not None
     assert known.robot.inertials[1, 0] == pytest.approx(robot.inertials[1, 0] + 3.0)
-    equations = build(signals_of(), known.robot, unloaded=known.unloaded)
-    np.testing.assert_allclose(equations.relative, relative_inertials(robot))
+    equations = build(signals_of(), known.robot, known=known.of_model)
+    np.testing.assert_allclose(equations.errors.relative, relative_inertials(robot))

@@ -35,7 +35,7 @@ def pool_of(
     """Candidates on a recording with true effects and white noise."""
     equations = equations_of(specs)
     noise, model = white(equations, STD, seed)
-    equations.target = equations.target + noise
+    equations = equations.with_target(equations.rows.target + noise)
     return Pool(equations, model, terms, error)
 
 
@@ -91,8 +91,8 @@ def test_a_fit_is_bayesian_linear_regression(pool, chosen):
     sign, volume = np.linalg.slogdet(marginal)
     assert sign > 0.0
     equations = pool.equations
-    history = equations.history(1)
-    stds = pool.noise.of(equations.recent_sticking_doubt(1), np.maximum(history, 0))[history >= 0]
+    history = equations.whitening.history(1)
+    stds = pool.noise.of(equations.whitening.recent_sticking_doubt(1), np.maximum(history, 0))[history >= 0]
     expected = -0.5 * (target @ np.linalg.solve(marginal, target) + volume)
     # a constant of the data and the noise model: the same whatever is chosen
     constant = fit.evidence - expected
@@ -124,7 +124,7 @@ def test_gains_are_differences_of_evidence(pool, company):
 def test_the_gain_of_a_term_outside_the_pool_is_the_same(pool, terms):
     fit = pool.fit((VISCOUS,))
     for c in range(1, len(terms)):
-        outside = pool.gain_of(fit, terms[c], pool.equations.columns(terms[c]))[0]
+        outside = pool.gain_of(fit, terms[c], pool.equations.columns.of(terms[c]))[0]
         assert outside == pytest.approx(pool.gains(fit, [c])[0], rel=1e-6, abs=1e-6)
 
 
@@ -161,7 +161,7 @@ def test_bounds_hold_and_the_rest_gives_way_best(terms, specs, chosen):
 
 def test_friction_that_drives_is_refused(terms):
     pool = pool_of(terms)
-    pool.equations.target = -pool.equations.columns(terms[VISCOUS])[:, :, 0]
+    pool.equations = pool.equations.with_target(-pool.equations.columns.of(terms[VISCOUS])[:, :, 0])
     pool = Pool(pool.equations, pool.noise, terms, 1e-6)
     assert pool.part(pool.fit((VISCOUS,)), VISCOUS)[0][0] == 0.0
     assert pool.gains(pool.fit(()), [VISCOUS])[0] < 0.0
@@ -171,10 +171,10 @@ def test_friction_that_drives_is_refused(terms):
 def test_held_out_errors_are_those_of_refits(pool, chosen):
     columns, target, precision = design(pool, chosen)
     index, equations = pool.columns_of(chosen), pool.equations
-    block = np.repeat(equations.block, equations.width)
+    block = np.repeat(equations.rows.block, equations.rows.width)
     errors = pool.held_out(chosen)
-    assert errors.shape == (equations.blocks,)
-    for b in range(equations.blocks):
+    assert errors.shape == (equations.rows.blocks,)
+    for b in range(equations.rows.blocks):
         kept = block != b
         best = brute_force(columns[kept], target[kept], precision, pool.lower[index], pool.upper[index])
         error = target[~kept] - columns[~kept] @ best
@@ -228,7 +228,7 @@ def test_errors_of_the_links_of_the_believed_size_leave_nothing_to_find(terms):
     errors = LINK_ERROR * np.random.default_rng(7).standard_normal(20)
     equations = equations_of(errors=errors)
     noise, model = white(equations, STD, 1)
-    equations.target = equations.target + noise
+    equations = equations.with_target(equations.rows.target + noise)
     pool = Pool(equations, model, terms, LINK_ERROR)
     alone = pool.fit(())
     assert (pool.gains(alone, range(len(terms))) < 3.0).all()
@@ -240,14 +240,14 @@ def test_contributions_add_up(pool, terms):
     fit, equations = pool.fit(chosen), pool.equations
     links = equations.rigid.shape[2]
     total = equations.rigid @ fit.coefficients[:links]
-    total = total + equations.nuisances @ fit.coefficients[links : pool.base]
+    total = total + equations.nuisances.along(equations.motion) @ fit.coefficients[links : pool.base]
     for c in chosen:
         coefficients, covariance = pool.part(fit, c)
         assert covariance.shape == (1, 1)
-        total = total + equations.columns(terms[c]) @ coefficients
+        total = total + equations.columns.of(terms[c]) @ coefficients
     np.testing.assert_allclose(pool.contribution(fit), total, atol=1e-9)
-    np.testing.assert_allclose(pool.residual(fit), equations.target - total, atol=1e-9)
-    blur = equations.nuisances[:, :, 1:3] @ fit.coefficients[links + 1 : links + 3]
+    np.testing.assert_allclose(pool.residual(fit), equations.rows.target - total, atol=1e-9)
+    blur = equations.nuisances.along(equations.motion)[:, :, 1:3] @ fit.coefficients[links + 1 : links + 3]
     np.testing.assert_allclose(pool.contribution(fit) - pool.contribution(fit, blur=False), blur, atol=1e-9)
     with pytest.raises(KeyError):
         pool.part(fit, COULOMB)

@@ -67,7 +67,10 @@ def removal_of(name, part, stretches, noise=0.02):
         residual_of_all=lambda: left,
         coefficients=lambda fit, chosen: np.ones(1),
     )
-    equations = SimpleNamespace(columns=lambda term: part[:, :, None], effort_scale=np.ones(1))
+    equations = SimpleNamespace(
+        columns=SimpleNamespace(of=lambda term: part[:, :, None]),
+        rows=SimpleNamespace(effort_scale=np.ones(1)),
+    )
     (removals,) = removed(equations, pool, left, *stretches)
     return left, removals
 
@@ -150,7 +153,9 @@ def test_the_gain_of_a_few_held_out_blocks_has_an_interval(blocks):
     target, extended = draw.standard_normal((count, 2)), 0.5 * draw.standard_normal((count, 2))
     held = np.ones((count, 2), bool)
     held[::7, 1] = False
-    gain, (low, high) = held_out_gain(SimpleNamespace(block=block, target=target), extended, held)
+    gain, (low, high) = held_out_gain(
+        SimpleNamespace(rows=SimpleNamespace(block=block, target=target)), extended, held
+    )
     left, before = (np.sqrt(np.sum(np.where(held, one, 0.0) ** 2)) for one in (extended, target))
     assert gain == pytest.approx(1.0 - left / before)
     assert 0.005 < high - gain < 0.1 and 0.005 < gain - low < 0.1
@@ -166,7 +171,9 @@ def test_the_gain_of_what_moves_or_is_pushed_once_is_as_well_known_as_of_what_al
     if not pushed:
         held[:, 1] = once
     where = once if pushed else None
-    gain, (low, high) = held_out_gain(SimpleNamespace(block=block, target=target), extended, held, where)
+    gain, (low, high) = held_out_gain(
+        SimpleNamespace(rows=SimpleNamespace(block=block, target=target)), extended, held, where
+    )
     assert 0.7 < low < gain < high < low + 0.1
 
 
@@ -241,7 +248,7 @@ def findings_of(
     monkeypatch.setattr(naming, "beyond_links", lambda equations, error, estimate: True)
     monkeypatch.setattr(naming, "_finding", tell)
     target, scale = np.ones(usable.shape), np.ones(usable.shape[1])
-    equations = SimpleNamespace(usable=usable, target=target, effort_scale=scale)
+    equations = SimpleNamespace(usable=usable, rows=SimpleNamespace(target=target, effort_scale=scale))
     test = np.arange(9) < 2
     attempt = SimpleNamespace(
         test=test, judgements=[judgement], fitted=SimpleNamespace(link_error=0.05), extended=None

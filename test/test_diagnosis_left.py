@@ -13,6 +13,7 @@ from bdnn_ros.diagnosis.regression.building import build
 from bdnn_ros.diagnosis.regression.coloring import noise_of
 from bdnn_ros.diagnosis.regression.equations import Equations
 from bdnn_ros.diagnosis.regression.evidence import Pool
+from bdnn_ros.diagnosis.regression.known import Known
 from bdnn_ros.diagnosis.sentences import Kind
 from bdnn_ros.diagnosis.telling.case import Case
 from bdnn_ros.diagnosis.telling.left import error_then, mostly_at
@@ -44,13 +45,13 @@ def against(identified: bool) -> Equations:
     """A joint that rubs more than it did, against the model of before with what is not known of it, or without."""
     signals = flattened(prepare(rubbing(15.0, f"coulomb_friction@{SECOND}:coulomb=0.3")), 5.0)
     known = model()
-    return build(signals, known.robot, known.predict(signals), known.left_open if identified else None)
+    return build(signals, known.robot, known.predict(signals), Known(known.left_open if identified else None))
 
 
 def test_most_of_what_is_mended_is_told_with_its_joint():
     equations = against(True)
-    noise = noise_of(equations, 0.05 * equations.target, 1e-4 * equations.effort_scale)
-    pool, test = Pool(equations, noise, [], 0.1), equations.block % 5 == 2
+    noise = noise_of(equations, 0.05 * equations.rows.target, 1e-4 * equations.rows.effort_scale)
+    pool, test = Pool(equations, noise, [], 0.1), equations.rows.block % 5 == 2
     attempt = Attempt(test, [], pool, pool.residual_of_all())
     remainder, since = Remainder(np.ones(2), {}, np.zeros((1, 2))), Compared.of(model(), model().robot)
     case = Case((), model().robot, equations, attempt, (), remainder, since)

@@ -18,7 +18,8 @@ from bdnn_ros.diagnosis.regression.term import Term
 from bdnn_ros.diagnosis.search import moves as moving
 from bdnn_ros.diagnosis.search.candidates import Candidates, acting_per_measured
 from bdnn_ros.diagnosis.search.moves import Moves
-from bdnn_ros.diagnosis.search.search import Search, Selection
+from bdnn_ros.diagnosis.search.search import Search
+from bdnn_ros.diagnosis.search.selection import Selection
 from bdnn_ros.diagnosis.search.settling import anew
 from bdnn_ros.diagnosis.telling.advice import advice
 from bdnn_ros.effects.registry import get, parse_spec, variants
@@ -38,7 +39,7 @@ def test_one_body_gives_way_to_the_rotors_of_two_joints(monkeypatch):
         for t in candidates.terms
         if (t.effect.name, t.link) == ("payload", "arm6_link2")
     ]
-    pool = Pool(equations, Noise(np.zeros((6, 3)), 0.03 * equations.effort_scale), terms, 0.02)
+    pool = Pool(equations, Noise(np.zeros((6, 3)), 0.03 * equations.rows.effort_scale), terms, 0.02)
     start, moves = [len(terms) - 1], Moves(equations, candidates)
 
     def ended() -> set[str]:
@@ -57,7 +58,7 @@ def test_a_spring_does_not_give_way_to_a_scale_of_what_it_does(monkeypatch):
     terms = [
         t for t in candidates.terms if t.target == 5 and t.effect.name in ("joint_spring", "effort_scale")
     ]
-    noise = Noise(np.zeros((6, 3)), 0.1 * equations.effort_scale)
+    noise = Noise(np.zeros((6, 3)), 0.1 * equations.rows.effort_scale)
     spring = next(c for c, t in enumerate(terms) if t.effect.name == "joint_spring")
     pool = Pool(equations, noise, terms, 0.02)
     equations.update_load(*candidates.load(equations, pool, pool.fit([spring])))
@@ -86,7 +87,7 @@ def test_nothing_more_is_tried_once_nothing_could_reach_what_is_wanted(monkeypat
     equations = equations_of(("viscous_friction@arm2_joint1:viscous=1", "base_tilt:pitch_deg=3"))
     terms = [t for t in Candidates.of(Robot.bundled("arm2")).terms if t.effect.name.endswith("s_friction")]
     terms += [Term(get("base_tilt"), -1).shaped({"roll_deg": 0.0, "pitch_deg": 3.0})]
-    pool = Pool(equations, Noise(np.zeros((2, 3)), 0.01 * equations.effort_scale), terms, 0.02)
+    pool = Pool(equations, Noise(np.zeros((2, 3)), 0.01 * equations.rows.effort_scale), terms, 0.02)
     moves, tilt = Moves(equations, Candidates.of(Robot.bundled("arm2"))), len(terms) - 1
     tried: list[int] = []
     monkeypatch.setattr(moves, "pays", lambda pool, grown, candidate: tried.append(candidate) or True)
@@ -115,7 +116,7 @@ def test_a_single_block_has_no_veto(gained, better):
     pool = SimpleNamespace(
         held_out=lambda chosen: 0.0 * without if chosen else without, disbelief=lambda chosen: 0.0
     )
-    equations = SimpleNamespace(block=np.arange(20), blocks=20)
+    equations = SimpleNamespace(rows=SimpleNamespace(block=np.arange(20), blocks=20))
     moves = Moves(equations, Candidates.of(Robot.bundled("arm2")))
     assert moves.predicts_better(pool, (0,), ()) is better
 
@@ -130,7 +131,7 @@ def test_a_soft_gear_that_only_trades_with_a_blur_does_not_pay(monkeypatch, law,
         monkeypatch.setattr(moving, name, lambda *asked: False)
     monkeypatch.setattr(Moves, "predicts_better", lambda self, pool, one, other: True)
     equations = equations_of()
-    whole = np.ones_like(equations.target)
+    whole = np.ones_like(equations.rows.target)
     pool = SimpleNamespace(
         terms=[Term(get("effort_offset"), 0), Term(get(law), 1)],
         sure=whole > 0.0,
@@ -145,9 +146,9 @@ def test_blocks_of_a_brief_push_have_no_veto(end, vetoes):
     """Once one of them is held out the others hardly know the push; one that lasts they do."""
     push = f"external_wrench@arm2_joint1:start=4.5,end={end},torque=4"
     equations = equations_of([push], duration=40.0)
-    time = equations.motion.time[equations.rows]
-    pushed = np.unique(equations.block[(time > 5.0) & (time < 7.5)])
-    gained = np.full(equations.blocks, 3.0)
+    time = equations.rows.time
+    pushed = np.unique(equations.rows.block[(time > 5.0) & (time < 7.5)])
+    gained = np.full(equations.rows.blocks, 3.0)
     gained[pushed] = -800.0
     pool = SimpleNamespace(
         held_out=lambda chosen: 0.0 * gained if len(chosen) > 1 else gained,
@@ -182,10 +183,10 @@ def test_friction_that_only_falls_where_a_joint_dwells_has_to_be_worth_a_name(ex
     robot = Robot.bundled("arm2")
     spec = f"stribeck_friction@arm2_joint2:coulomb=0.05,static={0.05 + extra},velocity=0.05"
     equations, (law, coefficients) = equations_of([spec]), term(spec, robot)
-    falls = equations.columns(law)[:, 1, 1]
-    equations.dwelling[:, 1] |= np.abs(falls) > 1e-3 * np.abs(falls).max()
+    falls = equations.columns.of(law)[:, 1, 1]
+    equations.rows.dwelling[:, 1] |= np.abs(falls) > 1e-3 * np.abs(falls).max()
     terms = [law, term("coulomb_friction@arm2_joint2:coulomb=0.05", robot)[0]]
-    pool = Pool(equations, Noise(np.zeros((2, 3)), 0.02 * equations.effort_scale), terms, 0.02)
+    pool = Pool(equations, Noise(np.zeros((2, 3)), 0.02 * equations.rows.effort_scale), terms, 0.02)
     fit = pool.fit([0])
     assert pool.coefficients(fit, 0) == pytest.approx(coefficients, abs=0.01)
     (told,) = plainer(Selection(pool, (0,), fit)).terms
@@ -200,7 +201,7 @@ def test_a_shape_that_only_seems_to_fit_better_is_not_taken():
     wrong = true.shaped({"velocity": 0.3})
 
     def sought(have: Term, seems: Term) -> Term:
-        pool = Pool(equations, Noise(np.zeros((2, 3)), 0.02 * equations.effort_scale), [have], 0.02)
+        pool = Pool(equations, Noise(np.zeros((2, 3)), 0.02 * equations.rows.effort_scale), [have], 0.02)
         asked = SimpleNamespace(anew=lambda equations, pool, rest, one: pool.replacing({one: seems}))
         return anew(asked, equations, pool).terms[0]
 
@@ -213,7 +214,7 @@ def test_a_ripple_is_sought_anew_without_the_spring_that_led_it_astray():
     equations, candidates = equations_of(specs), Candidates.of(Robot.bundled("arm2"))
     terms = [Term(get("joint_spring"), 0), Term(get("cogging"), 0).shaped({"periods_per_rev": 3.0})]
     search = Search(equations, candidates, lambda text: None)
-    pool = Pool(equations, Noise(np.zeros((2, 3)), 0.05 * equations.effort_scale), terms, 0.05)
+    pool = Pool(equations, Noise(np.zeros((2, 3)), 0.05 * equations.rows.effort_scale), terms, 0.05)
     selection = Selection(pool, (0, 1), pool.whole)
     found = search._without(selection, search._at_own_noise(pool, (0, 1)))
     assert found is not None
@@ -234,7 +235,7 @@ def test_a_drift_that_goes_nowhere_is_plain_friction(slope):
         Term(get("coulomb_friction"), 0),
     ]
     terms[0] = terms[0].shaped(terms[0].effect.shapes(equations.motion, 0)[0])
-    pool = Pool(equations, Noise(np.zeros((2, 3)), 1e-3 * equations.effort_scale), terms, 0.02)
+    pool = Pool(equations, Noise(np.zeros((2, 3)), 1e-3 * equations.rows.effort_scale), terms, 0.02)
     moves = Moves(equations, Candidates.of(Robot.bundled("arm2")))
     assert set(moves.reconsidered(pool, [0, 1])) == ({0, 1} if slope else {1, 2})
 
@@ -268,7 +269,7 @@ def test_what_is_beside_a_wrong_effort_scale_is_told_as_it_acts(spec):
     specs = ("effort_scale@arm2_joint2:scale=0.8", spec)
     equations = equations_of(specs)
     terms = [Term(get(spec.split("@")[0]), 1) for spec in specs]
-    pool = Pool(equations, Noise(np.zeros((2, 3)), 1e-3 * equations.effort_scale), terms, 1e-4)
+    pool = Pool(equations, Noise(np.zeros((2, 3)), 1e-3 * equations.rows.effort_scale), terms, 1e-4)
     fit = pool.fit([0, 1])
     assert acting_per_measured(pool, fit, 1) == pytest.approx(0.8, rel=1e-3)
     assert acting_per_measured(pool, fit, 0) == 1.0
@@ -284,9 +285,11 @@ def test_rivals_are_tried_by_how_far_they_are_behind_within_all_bounds(monkeypat
     pool = Pool(equations, white(equations, 0.02)[1], [term(s, robot)[0] for s in (*specs, *others)], 0.02)
     search = Search(equations, Candidates.of(robot), lambda text: None)
     tried = []
-    monkeypatch.setattr(search, "score", lambda pool, chosen: 100.0)
-    monkeypatch.setattr(search, "rivals", lambda pool, rest, one: [(3, -1e6), (2, 12.0)] if one == 1 else [])
-    monkeypatch.setattr(search, "score_beside", lambda pool, rest, rival: {2: 95.0, 3: -400.0}[rival])
+    monkeypatch.setattr(search.moves, "score", lambda pool, chosen: 100.0)
+    monkeypatch.setattr(
+        search.moves, "rivals", lambda pool, rest, one: [(3, -1e6), (2, 12.0)] if one == 1 else []
+    )
+    monkeypatch.setattr(search.moves, "score_beside", lambda pool, rest, rival: {2: 95.0, 3: -400.0}[rival])
     monkeypatch.setattr(search, "_first_better", lambda now, others: tried.extend(make() for make in others))
     assert search._behind_rivals(Selection(pool, (0, 1), pool.fit((0, 1))), pool) is None
     assert [[t.effect.name for t in one.terms] for one in tried] == [["hysteresis", "viscous_friction"]]
@@ -303,7 +306,7 @@ def test_less_inertia_of_a_link_that_only_spins_may_be_its_rotors(since):
     both = {("link_inertia", 0), ("armature", 0)}
     terms = [t for t in candidates.terms if (t.effect.name, t.target) in both]
     terms = [t.shaped(t.shapes(equations.motion)[0]) for t in terms]
-    pool = Pool(equations, Noise(np.zeros((6, 3)), 1e-4 * equations.effort_scale), terms, 1e-5)
+    pool = Pool(equations, Noise(np.zeros((6, 3)), 1e-4 * equations.rows.effort_scale), terms, 1e-5)
     link = [t.effect.name for t in terms].index("link_inertia")
     search = Search(equations, candidates, lambda said: None, link_errors=(1e-5,) * 3)
     (judged,) = judge(search, Selection(pool, (link,), pool.fit((link,))))
@@ -333,6 +336,6 @@ def test_two_causes_that_are_one_by_as_many_numbers_are_joined_late(hidden, pair
     own = [t for t in candidates.terms if t.target == 0 and t.effect.name in wanted]
     own = [t.shaped(shapes.get(t.effect.name, {})) for t in own]
     terms = sorted(own, key=lambda t: wanted.index(t.effect.name))
-    pool = Pool(equations, Noise(np.zeros((2, 3)), 0.02 * equations.effort_scale), terms, 0.02)
+    pool = Pool(equations, Noise(np.zeros((2, 3)), 0.02 * equations.rows.effort_scale), terms, 0.02)
     joined = Moves(equations, candidates).joined(pool, [0, 1])
     assert [pool.terms[c].effect.name for c in joined] == (["asymmetric_friction"] if one else [*wanted[:2]])

@@ -86,7 +86,7 @@ def sticky():
 def test_friction_that_holds_a_joint_is_neither_a_finding_nor_an_error_of_the_model(sticky):
     diagnosis = sticky.diagnosis
     assert diagnosis.findings == () and diagnosis.verdict == "nothing_wrong"
-    left = sticky.extended / sticky.equations.effort_scale
+    left = sticky.extended / sticky.equations.rows.effort_scale
     held = sticky.test[:, None] & sticky.equations.usable
     assert np.sqrt(np.mean(left[:, 4:][held[:, 4:]] ** 2)) < 0.02
     assert sticky.pool.noise.slip[4:].min() > 0.05

@@ -227,7 +227,9 @@ def test_a_payload_whose_mass_may_be_nothing_is_told_as_a_centre_of_mass_first()
 def test_a_lead_stays_where_joints_without_a_delay_show_it(late, kept):
     """A delay of a tenth of a millisecond at one joint halved that of all others in the extended model."""
     terms = [Term(get("effort_delay"), joint) for joint in late]
-    equations = SimpleNamespace(rigid=np.zeros((1, 2, 3)), hold=2e-3, width=2)
+    equations = SimpleNamespace(
+        rigid=np.zeros((1, 2, 3)), nuisances=SimpleNamespace(hold=2e-3), rows=SimpleNamespace(width=2)
+    )
     pool = SimpleNamespace(
         equations=equations, terms=terms, coefficients=lambda fit, chosen: np.array([3e-3])
     )
@@ -363,7 +365,11 @@ def test_that_links_errors_make_up_most_is_said_where_they_do():
 )
 def test_a_lead_that_makes_up_most_of_what_is_gained_is_told_beside_causes(by_lead, gained, lead, told):
     case = SimpleNamespace(
-        by_lead=by_lead, gained=gained, lead=lead, equations=SimpleNamespace(hold=2e-3), earlier=None
+        by_lead=by_lead,
+        gained=gained,
+        lead=lead,
+        equations=SimpleNamespace(nuisances=SimpleNamespace(hold=2e-3)),
+        earlier=None,
     )
     notes = said_of(mostly_lead(case))
     assert len(notes) == told
@@ -419,7 +425,10 @@ def test_a_joint_that_moves_briefly_is_not_told_to_stand():
     usable[34:, 1] = False
     signals = SimpleNamespace(at_rest=~usable, cutoff=5.0, own=None, raw_rate=100.0, rate=10.0)
     equations = SimpleNamespace(
-        motion=SimpleNamespace(signals=signals), usable=usable, alone=0, moving=np.array([100.0, 3.4])
+        motion=SimpleNamespace(signals=signals),
+        usable=usable,
+        alone=0,
+        rows=SimpleNamespace(moving=np.array([100.0, 3.4])),
     )
     arm = Robot.bundled("arm2")
     (alone,) = said_of(of_recording(arm, equations))
@@ -439,7 +448,9 @@ def test_too_little_motion_is_told_as_what_there_is_and_what_is_needed(longest, 
     """That no joint moved for longer read as if the robot stood still."""
     signals = SimpleNamespace(cutoff=2.5, own=None)
     equations = SimpleNamespace(
-        motion=SimpleNamespace(signals=signals), alone=None, moving=np.array([3.0, longest])
+        motion=SimpleNamespace(signals=signals),
+        alone=None,
+        rows=SimpleNamespace(moving=np.array([3.0, longest])),
     )
     told = said_of(of_recording(Robot.bundled("arm2"), equations))
     assert bool(told) == said

@@ -14,7 +14,8 @@ from bdnn_ros.diagnosis.regression.evidence import Pool
 from bdnn_ros.diagnosis.search.candidates import Candidates
 from bdnn_ros.diagnosis.search.gathering import gathered
 from bdnn_ros.diagnosis.search.moves import Moves
-from bdnn_ros.diagnosis.search.search import Search, Selection
+from bdnn_ros.diagnosis.search.search import Search
+from bdnn_ros.diagnosis.search.selection import Selection
 from bdnn_ros.robot import Robot
 
 ARM = Robot.bundled("arm6")
@@ -31,7 +32,7 @@ def pool_of(true: list[str], told: list[str]) -> Pool:
     """A pool of what is told on a recording of what is true; the first may act once more."""
     equations = equations_of(true, "arm6")
     noise, model = white(equations, 0.02)
-    equations.target = equations.target + noise
+    equations = equations.with_target(equations.rows.target + noise)
     terms = [term(spec, ARM)[0] for spec in told]
     return Pool(equations, model, [*terms, replace(terms[0], again=1)], TRUSTING)
 

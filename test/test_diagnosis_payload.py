@@ -34,7 +34,7 @@ def test_a_payload_is_weighed_though_its_link_turns_about_its_origin():
     equations = build(flattened(prepare(recording), LOW), robot)
     candidates = Candidates.of(robot)
     (term,) = (t for t in candidates.terms if (t.effect.name, t.link) == ("payload", "arm6_link2"))
-    noise = Noise(np.zeros((robot.width, 3)), 1e-3 * equations.effort_scale)
+    noise = Noise(np.zeros((robot.width, 3)), 1e-3 * equations.rows.effort_scale)
     pool = Pool(equations, noise, [term.shaped({f"com_{axis}": 0.0 for axis in "xyz"})], 1e-3)
     for _ in range(3):
         pool = pool.replacing({0: candidates.refined(equations, pool, pool.fit([0]), 0)})
@@ -148,7 +148,7 @@ def test_what_is_carried_is_no_point_and_still_weighed_right(mass, size):
     assert (payload.effect, payload.link) == ("payload", "arm6_link6")
     assert payload.parameters["mass"].value == pytest.approx(mass, rel=0.02)
     signals = found.equations.motion.signals
-    left = found.equations.as_rows(signals.effort - extend(found).predict(signals))
+    left = found.equations.decimation.as_rows(signals.effort - extend(found).predict(signals))
     assert rms(left, found.equations.usable) == pytest.approx(
         rms(found.pool.residual(found.fit, blur=False), found.equations.usable), rel=0.02
     )

@@ -35,7 +35,7 @@ def draws(specs: Sequence[str], std: float, count: int, refine: bool = False) ->
     for seed in range(count):
         errors = LINK_ERROR * np.random.default_rng([seed, 1]).standard_normal(20)
         equations = equations_of(specs, errors=errors)
-        equations.target = equations.target + coloured(equations, AR, std, seed)
+        equations = equations.with_target(equations.rows.target + coloured(equations, AR, std, seed))
         pool = Pool(equations, Noise(np.tile(AR, (2, 1)), np.full(2, std)), terms, LINK_ERROR)
         every = range(len(terms))
         for one in every if refine else ():
@@ -98,9 +98,8 @@ def test_a_law_that_settles_into_nothing_simpler_says_all_of_it_by_itself():
 def excess_of(one: Term, spec: str, seed: int) -> float:
     """The excess that a law shows where another acts, in white noise."""
     equations = equations_of([spec])
-    equations.target = equations.target + 0.02 * np.random.default_rng(seed).standard_normal(
-        equations.target.shape
-    )
+    noise = 0.02 * np.random.default_rng(seed).standard_normal(equations.rows.target.shape)
+    equations = equations.with_target(equations.rows.target + noise)
     pool = Pool(equations, Noise(np.zeros((2, 1)), np.full(2, 0.02)), [one], LINK_ERROR)
     return excesses(pool)[0]
 
@@ -154,7 +153,7 @@ def test_what_of_a_law_is_told_by_its_tail_alone_is_an_extrapolation(slowest):
     coulomb, static, velocity = 0.8, 1.6, 0.1
     spec = f"stribeck_friction@{J1}:coulomb={coulomb},static={static},velocity={velocity}"
     equations = equations_of([spec])
-    speed = np.abs(equations.motion.velocity[equations.rows])
+    speed = np.abs(equations.motion.velocity[equations.rows.samples])
     equations.use_rows(equations.usable & (speed > slowest))
     one, _ = term(spec, Robot.bundled("arm2"))
     pool = Pool(equations, Noise(np.zeros((2, 1)), np.full(2, 1e-4)), [one], LINK_ERROR)
@@ -204,9 +203,9 @@ def test_where_blocks_disagree_more_than_the_noise_says_the_interval_is_theirs()
     """A cause that comes and goes is not known to the last digit, however white each stretch of it is."""
     spec = f"viscous_friction@{J1}:viscous=0.5"
     equations, (one, _) = equations_of([spec]), term(spec, Robot.bundled("arm2"))
-    column = equations.columns(one)[:, :, 0]
-    comes_and_goes = np.where(equations.block % 2 == 0, 1.3, 0.7)[:, None]
-    equations.target += 0.5 * column * (comes_and_goes - 1.0)
+    column = equations.columns.of(one)[:, :, 0]
+    comes_and_goes = np.where(equations.rows.block % 2 == 0, 1.3, 0.7)[:, None]
+    equations = equations.with_target(equations.rows.target + 0.5 * column * (comes_and_goes - 1.0))
     pool = Pool(equations, Noise(np.zeros((2, 1)), np.full(2, 0.01)), [one], LINK_ERROR)
     (estimate,) = estimates(pool, pool.fit([0]))
     assert estimate.robust[0, 0] > 4.0 * estimate.covariance[0, 0]
@@ -254,7 +253,7 @@ def test_friction_that_holds_more_than_the_joint_ever_bore_is_not_shown(share, s
     one, _ = term(f"stribeck_friction@{J1}:coulomb=1,static=2,velocity=0.1", robot)
     signals = equations.motion.signals
     effort = np.tile([share, 9.0], (len(signals), 1)) * [2.0, 1.0]
-    equations.motion = replace(equations.motion, signals=replace(signals, effort=effort))
+    equations.use_motion(replace(equations.motion, signals=replace(signals, effort=effort)))
     pool = Pool(equations, Noise(np.zeros((2, 1)), np.full(2, 0.01)), [one], LINK_ERROR)
     (found,) = estimates(pool, pool.whole)
     known = replace(found, coefficients=np.ones(2), covariance=1e-6 * np.eye(3), robust=1e-6 * np.eye(3))

@@ -31,7 +31,8 @@ from bdnn_ros.diagnosis.regression.evidence import Pool
 from bdnn_ros.diagnosis.search.candidates import Candidates
 from bdnn_ros.diagnosis.search.gathering import gathered
 from bdnn_ros.diagnosis.search.moves import Moves
-from bdnn_ros.diagnosis.search.search import Search, Selection
+from bdnn_ros.diagnosis.search.search import Search
+from bdnn_ros.diagnosis.search.selection import Selection
 from bdnn_ros.diagnosis.search.settling import refined
 from bdnn_ros.effects.environment import POINT, ExternalWrench
 from bdnn_ros.effects.motion import Motion
@@ -48,7 +49,7 @@ def pool_of(spec: str, others: Sequence[str] = (), std: float = 0.02, seed: int 
     """A pool of some terms on a recording that holds a push."""
     equations = equations_of([spec], "arm6")
     noise, model = white(equations, std, seed)
-    equations.target = equations.target + noise
+    equations = equations.with_target(equations.rows.target + noise)
     return Pool(equations, model, [term(other, ARM)[0] for other in others], TRUSTING)
 
 
@@ -103,7 +104,7 @@ def test_a_time_that_no_row_tells_is_not_told_as_certain():
     pool = pool_of(spec, others=[spec])
     equations, push = pool.equations, pool.terms[0]
     assert unseen(pool, push) == {"start": 0.0, "end": 0.0}
-    time = equations.motion.time[equations.rows]
+    time = equations.rows.time
     equations.use_rows(equations.usable & ((time < 6.2) | (time > 7.0))[:, None])
     pool = Pool(equations, pool.noise, [push], TRUSTING)
     (found,) = estimates(pool, pool.whole)
@@ -148,7 +149,7 @@ def test_a_push_is_refined_though_other_terms_are_held_at_their_bounds_without_i
     worn += [f"viscous_friction@arm6_joint{k}:viscous=0.02" for k in range(1, 7)]
     equations = equations_of([push, *worn], "arm6")
     noise, model = white(equations, 1e-3)
-    equations.target = equations.target + noise
+    equations = equations.with_target(equations.rows.target + noise)
     pool = Pool(equations, model, [term(spec, ARM)[0] for spec in worn], TRUSTING)
     without, true = pool.whole, term(push, ARM)[0]
     assert (without.coefficients[pool.base :] == 0.0).sum() > 3
@@ -160,9 +161,11 @@ def test_a_push_is_refined_though_other_terms_are_held_at_their_bounds_without_i
 def test_how_strong_a_push_may_be_does_not_follow_from_how_weak_the_last_joint_is():
     push = term("external_wrench@arm6_link6:start=3,end=8,force_x=12", ARM)[0]
     equations = equations_of([], "arm6")
-    columns = equations.columns(push)
+    columns = equations.columns.of(push)
     usual = equations.spread(push, columns)
-    equations.effort_scale = equations.effort_scale * np.array([1.0, 1.0, 1.0, 1.0, 1.0, 1e-4])
+    equations.rows = replace(
+        equations.rows, effort_scale=equations.rows.effort_scale * np.array([1.0, 1.0, 1.0, 1.0, 1.0, 1e-4])
+    )
     np.testing.assert_allclose(equations.spread(push, columns), usual, rtol=0.05)
     assert usual[:3].min() > 1.0
 
@@ -229,7 +232,7 @@ def test_two_pushes_at_different_times_stay_two():
     )
     equations = equations_of([first, second], "arm6")
     noise, model = white(equations, 0.02)
-    equations.target = equations.target + noise
+    equations = equations.with_target(equations.rows.target + noise)
     pool = Pool(equations, model, [term(spec, ARM)[0] for spec in (first, second)], TRUSTING)
     _, chosen = gathered(pool, [0, 1], ARM, Moves(equations, Candidates.of(ARM)).score)
     assert sorted(chosen) == [0, 1]
@@ -254,7 +257,7 @@ def test_two_pushes_that_follow_each_other_stay_two():
     ]
     equations = equations_of(specs, "arm6")
     noise, model = white(equations, 0.02)
-    equations.target = equations.target + noise
+    equations = equations.with_target(equations.rows.target + noise)
     pool = Pool(equations, model, [term(spec, ARM)[0] for spec in specs], TRUSTING)
     pool, chosen = gathered(pool, [0, 1], ARM, Moves(equations, Candidates.of(ARM)).score)
     times = sorted(edges(pool.terms[c]) for c in chosen)
@@ -286,7 +289,7 @@ def test_what_a_constant_push_leaves_is_no_second_push(other, left):
     small = "external_wrench@arm6_joint4:start=2.5,end=8.5,torque=1"
     equations = equations_of([small, other], "arm6")
     noise, model = white(equations, 0.02)
-    equations.target = equations.target + noise
+    equations = equations.with_target(equations.rows.target + noise)
     pool = Pool(equations, model, [term(spec, ARM)[0] for spec in (small, other)], TRUSTING)
     assert [leftover(pool, (0, 1), one) for one in range(2)] == [left, False]
 
@@ -297,8 +300,8 @@ def test_a_moment_of_a_crossing_is_no_push(lasts, left):
     gap = "backlash@arm2_joint2:gap=0.02,crossing=0.02"
     equations, robot = equations_of([gap]), Robot.bundled("arm2")
     loose, amount = term(gap, robot)
-    time = equations.motion.time[equations.rows]
-    crossed = time[np.argmax(np.abs(equations.columns(loose) @ amount)[:, 1])]
+    time = equations.rows.time
+    crossed = time[np.argmax(np.abs(equations.columns.of(loose) @ amount)[:, 1])]
     push, _ = term(
         f"external_wrench@arm2_joint1:start={crossed - 0.5 * lasts},end={crossed + 0.5 * lasts},torque=1",
         robot,
@@ -338,7 +341,7 @@ def test_what_acts_whenever_its_joint_moves_is_no_push(moves, always):
     """Of a joint that moves now and then, what differs between its moves looks like a push that begins and ends at rest."""
     spec = "external_wrench@arm6_joint3:start=4,end=8,torque=40"
     equations = equations_of([spec], "arm6")
-    time = equations.motion.time[equations.rows]
+    time = equations.rows.time
     rows = equations.usable.copy()
     rows[:, 2] &= (time > moves[0]) & (time < moves[1])
     equations.use_rows(rows)
@@ -356,7 +359,7 @@ def test_a_push_that_another_one_needs_beside_it_at_its_time_is_no_gain(times, k
     )
     equations = equations_of([large, small], "arm6")
     noise, model = white(equations, 0.02)
-    equations.target = equations.target + noise
+    equations = equations.with_target(equations.rows.target + noise)
     alone, both = (
         Pool(equations, model, [term(spec, ARM)[0] for spec in specs], TRUSTING)
         for specs in ([large], [small, large])
@@ -395,12 +398,13 @@ def test_rows_of_a_push_are_its_columns_behind_the_low_pass(spec, passing, lead)
     rng = np.random.default_rng(0)
     more = rng.uniform(1.0, 1.5, signals.position.shape) if passing else None
     motion = Motion(signals, ARM, equations.motion.load)
-    equations = replace(
-        equations, motion=motion, load_friction_factor=more, lead=lead, _columns={}, _nuisances=None
-    )
+    decimation = replace(equations.decimation, simulated=motion, load_friction_factor=more, lead=lead)
+    equations = replace(equations, decimation=decimation)
     columns = one.effect.columns(motion, one.target, dict(one.shape), one.link)
-    np.testing.assert_allclose(equations.fresh_columns(one), equations.as_rows(columns), rtol=0.0, atol=1e-12)
-    assert np.abs(equations.fresh_columns(one)).max() > 0.1
+    np.testing.assert_allclose(
+        equations.columns.fresh(one), equations.decimation.as_rows(columns), rtol=0.0, atol=1e-12
+    )
+    assert np.abs(equations.columns.fresh(one)).max() > 0.1
 
 
 @pytest.mark.slow

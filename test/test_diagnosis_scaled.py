@@ -13,7 +13,8 @@ from bdnn_ros.diagnosis.judging.scaled import scaled
 from bdnn_ros.diagnosis.regression.building import build
 from bdnn_ros.diagnosis.regression.evidence import Pool
 from bdnn_ros.diagnosis.search.candidates import Candidates
-from bdnn_ros.diagnosis.search.search import Search, Selection
+from bdnn_ros.diagnosis.search.search import Search
+from bdnn_ros.diagnosis.search.selection import Selection
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
@@ -45,13 +46,13 @@ def judged(scale: float, rotor: float, offset: float) -> dict[str, float]:
     effort = effort / np.array([1.0, scale]) - np.array([0.0, offset])
     equations = build(replace(signals, effort=effort, unmeasured=None), LIFT)
     noise, model = white(equations, 0.2)
-    equations.target = equations.target + noise
+    equations = equations.with_target(equations.rows.target + noise)
     specs = ("effort_offset@mast:offset=-1", "armature@mast:armature=1", "effort_scale@mast:scale=1.1")
     pool = Pool(equations, model, [term(spec, LIFT)[0] for spec in specs], 0.05)
     search = Search(equations, Candidates.of(LIFT), lambda text: None)
     selection = Selection(pool, (0,), pool.fit((0,)))
     (judgement,) = judge(search, selection)
-    assert set(scaled(search, pool, [], 0)) <= {2} and scaled(search, pool, [0], 1) == {}
+    assert set(scaled(search.moves, pool, [], 0)) <= {2} and scaled(search.moves, pool, [0], 1) == {}
     return {rival.effect.name: probability for rival, probability in judgement.rivals}
 
 

@@ -11,6 +11,7 @@ import pytest
 from bdnn_ros.diagnosis.diagnose import Examination, examine
 from bdnn_ros.diagnosis.regression.building import IDENTIFIED, build
 from bdnn_ros.diagnosis.regression.equations import Equations
+from bdnn_ros.diagnosis.regression.known import Known
 from bdnn_ros.diagnosis.result import Finding
 from bdnn_ros.effects.registry import get, parse_spec
 from bdnn_ros.errors import ModelFileError
@@ -58,17 +59,18 @@ def moved_errors(
     model: PhysicalModel, signals: Signals, left: LeftOpen
 ) -> tuple[Equations, np.ndarray, np.ndarray]:
     """The regression against a model, what some of its errors do there, and what parameters do that are moved so, rows (R, n)."""
-    equations = build(signals, model.robot, model.predict(signals), left)
+    equations = build(signals, model.robot, model.predict(signals), Known(left))
+    assert equations.errors.joints is not None
     units = 0.1 * IDENTIFIED * np.random.default_rng(1).standard_normal(equations.rigid.shape[2])
-    learned = equations.learned.moved(model.learned, units)
-    errors = np.concatenate([equations.relative @ units, equations.jointwise @ units])
+    learned = equations.errors.joints.moved(model.learned, units)
+    errors = np.concatenate([equations.errors.relative @ units, equations.errors.joints.parameters @ units])
     errors[-model.robot.width :] *= -1.0  # the contract's offset counts the other way
     other = Parameters.from_vector(model.parameters.vector() + errors)
     robot = model.robot.with_inertials(other.inertials.ravel()).with_joint_parameters(
         armature=other.armature, viscous=other.viscous, coulomb=other.coulomb
     )
     after = replace(model, robot=robot, offset=other.offset, learned=learned).predict(signals)
-    return equations, equations.rigid @ units, equations.as_rows(after - model.predict(signals))
+    return equations, equations.rigid @ units, equations.decimation.as_rows(after - model.predict(signals))
 
 
 @pytest.mark.slow
@@ -84,8 +86,8 @@ def test_errors_of_a_model_are_those_of_what_its_joints_add(model):
     """Also by the weights of friction's curve; where a joint turns round nobody can say which way that pulls."""
     signals = flattened(prepare(moved(30.0)), 5.0)
     equations, found, wanted = moved_errors(model, signals, model.left_open)
-    assert (equations.learned.weights != 0.0).any()
-    moves_on = equations.sticking_doubt < 0.01
+    assert equations.errors.joints is not None and (equations.errors.joints.weights != 0.0).any()
+    moves_on = equations.rows.sticking_doubt < 0.01
     assert moves_on.mean() > 0.5
     apart = np.abs(found - wanted)[moves_on] / np.abs(wanted).max()
     # which rows lie just beside a reversal is chance: rounding that differs moves a worst one from 1.9 to 2.4 %

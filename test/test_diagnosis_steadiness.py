@@ -16,7 +16,8 @@ from bdnn_ros.diagnosis.judging.steadiness import steadied
 from bdnn_ros.diagnosis.pushes.pushes import edges
 from bdnn_ros.diagnosis.regression.evidence import Pool
 from bdnn_ros.diagnosis.search.candidates import Candidates
-from bdnn_ros.diagnosis.search.search import Search, Selection
+from bdnn_ros.diagnosis.search.search import Search
+from bdnn_ros.diagnosis.search.selection import Selection
 from bdnn_ros.diagnosis.telling.case import Case
 from bdnn_ros.diagnosis.telling.telling import diagnosis_of
 from bdnn_ros.diagnosis.telling.unexplained import Remainder
@@ -60,7 +61,7 @@ def selection_of(true: Sequence[str], chosen: Sequence[str]) -> tuple[Search, Se
     """What a search chose in a recording that holds some pushes, beside pushes of other links."""
     equations = equations_of(true, "arm6")
     noise, model = white(equations, 0.02)
-    equations.target = equations.target + noise
+    equations = equations.with_target(equations.rows.target + noise)
     terms = [term(spec, ARM)[0] for spec in chosen]
     links = (term(f"external_wrench@arm6_link{k}:start=5,end=9", ARM)[0] for k in (3, 4, 6))
     pool = Pool(
@@ -94,10 +95,10 @@ def test_an_attempt_ends_with_one_push_and_what_it_leaves(monkeypatch):
     search, selection = selection_of(LETS_GO_A_LITTLE, TAKEN_FOR[:1])
     monkeypatch.setattr(search, "run", lambda first: first)
     equations = search.equations
-    attempt = attempted(search, selection, equations.usable, equations.block % 5 == 2)
+    attempt = attempted(search, selection, equations.usable, equations.rows.block % 5 == 2)
     (push,), (judgement,) = attempt.fitted.terms, attempt.judgements
     assert push.link == "arm6_link4" and judgement.changing
-    time = equations.motion.time[equations.rows]
+    time = equations.rows.time
     left = np.abs(attempt.extended).max(axis=1)
     assert left[(time > 6.7) & (time < 7.3)].max() > 5.0 * left[(time < 4.0) | (time > 10.0)].max()
 
@@ -135,10 +136,16 @@ def test_a_finding_says_that_it_changes(changing):
     _, selection = selection_of(STEADY[:1], STEADY[:1])
     pool = Pool(selection.pool.equations, selection.pool.noise, selection.terms, 1e-3)
     # the noise is the equations' alone: of the last joints it is many times the effort
-    equations = replace(pool.equations, effort_scale=np.maximum(pool.equations.effort_scale, 1.0))
-    nothing = np.zeros_like(equations.target)
+    equations = replace(
+        pool.equations,
+        rows=replace(pool.equations.rows, effort_scale=np.maximum(pool.equations.rows.effort_scale, 1.0)),
+    )
+    nothing = np.zeros_like(equations.rows.target)
     attempt = Attempt(
-        equations.block % 5 == 2, [Judgement(0.9, 0.0, (), changing=changing)], pool, pool.residual_of_all()
+        equations.rows.block % 5 == 2,
+        [Judgement(0.9, 0.0, (), changing=changing)],
+        pool,
+        pool.residual_of_all(),
     )
     remainder = Remainder(np.full(6, 10.0), {}, nothing)
     diagnosis = diagnosis_of(Case([], ARM, equations, attempt, estimates(pool, pool.whole), remainder))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import MappingProxyType, SimpleNamespace
 
 import numpy as np
@@ -15,7 +16,7 @@ from bdnn_ros.diagnosis.regression.evidence import Pool
 from bdnn_ros.diagnosis.regression.noise import Noise
 from bdnn_ros.diagnosis.regression.term import Term
 from bdnn_ros.diagnosis.search.candidates import Candidates
-from bdnn_ros.diagnosis.search.search import Selection
+from bdnn_ros.diagnosis.search.selection import Selection
 from bdnn_ros.diagnosis.telling.naming import Doubts
 from bdnn_ros.diagnosis.telling.outcome import Outcome
 from bdnn_ros.effects.registry import get, variants
@@ -132,10 +133,10 @@ def test_what_says_the_same_is_listed_however_many_others_are():
 @pytest.mark.parametrize("better", [True, False])
 def test_a_term_is_steady_where_blocks_that_had_no_say_bear_it_out(better):
     asked = []
-    search = SimpleNamespace(predicts_better=lambda pool, one, other: asked.append((one, other)) or better)
+    moves = SimpleNamespace(predicts_better=lambda pool, one, other: asked.append((one, other)) or better)
     pool = SimpleNamespace(terms=[Term(get("armature"), joint) for joint in range(8)])
     selection = SimpleNamespace(pool=pool, chosen=(4, 7))
-    found = weighed(search, selection, [Judgement(1.0, 0.0, ())] * 2)
+    found = weighed(SimpleNamespace(moves=moves), selection, [Judgement(1.0, 0.0, ())] * 2)
     assert asked == [((4, 7), [7]), ((4, 7), [4])]
     assert [one.steady for one in found] == [better, better]
 
@@ -181,12 +182,14 @@ def test_a_gap_that_is_not_shown_is_told_as_the_zero_that_fits(monkeypatch):
 
 def test_where_no_joint_dwells_shapes_of_dry_friction_are_found_anew_beside_all_else():
     equations = equations_of([])
-    equations.dwelling = np.arange(len(equations.rows))[:, None] % 50 == [-1, 0]
+    equations.rows = replace(
+        equations.rows, dwelling=np.arange(len(equations.rows.samples))[:, None] % 50 == [-1, 0]
+    )
     counted = equations.usable.copy()
     names = ("coulomb_friction@1", "armature@1", "stribeck_friction@0")
     terms = [Term(get(name), int(joint)) for name, joint in (one.split("@") for one in names)]
     terms[2] = terms[2].shaped({"velocity": 0.1})
-    pool = Pool(equations, Noise(np.zeros((2, 1)), 0.01 * equations.effort_scale), terms, 0.05)
+    pool = Pool(equations, Noise(np.zeros((2, 1)), 0.01 * equations.rows.effort_scale), terms, 0.05)
     seen = []
 
     def refined(equations, pool, fit, one):
@@ -195,7 +198,7 @@ def test_where_no_joint_dwells_shapes_of_dry_friction_are_found_anew_beside_all_
 
     simplified._exact(SimpleNamespace(refined=refined), equations, pool)
     assert seen == [(0, (0, 1, 2)), (1, (0, 1, 2))]
-    np.testing.assert_array_equal(equations.usable, counted & ~equations.dwelling)
+    np.testing.assert_array_equal(equations.usable, counted & ~equations.rows.dwelling)
 
 
 def told_plainly(monkeypatch, names, truth, shape, shown=False, beyond=(np.inf, np.inf)):
@@ -203,10 +206,10 @@ def told_plainly(monkeypatch, names, truth, shape, shown=False, beyond=(np.inf, 
     equations = equations_of([truth])
     terms = [Term(get(name), 0) for name in names]
     terms[1] = terms[1].shaped(shape)
-    pool = Pool(equations, Noise(np.zeros((2, 1)), 0.01 * equations.effort_scale), terms, 0.05)
+    pool = Pool(equations, Noise(np.zeros((2, 1)), 0.01 * equations.rows.effort_scale), terms, 0.05)
     plain = Term(get(terms[1].effect.settles_into), 0)
     judgements = [Judgement(0.7, 0.0, ((plain, 0.2), (terms[0], 0.1))) for _ in terms]
-    attempt = Attempt(np.zeros(len(equations.rows), bool), judgements, pool, equations.target)
+    attempt = Attempt(np.zeros(len(equations.rows.samples), bool), judgements, pool, equations.rows.target)
     law = terms[1].effect.name
     monkeypatch.setattr(
         simplified,
@@ -227,11 +230,11 @@ def told_of(terms, chosen, *judgements, borne_out=True, worth=MappingProxyType({
         worth: what terms add to a score; the others nothing.
     """
     pool = SimpleNamespace(terms=terms, fit=lambda chosen: tuple(chosen))
-    search = SimpleNamespace(
+    moves = SimpleNamespace(
         predicts_better=lambda pool, one, other: borne_out,
         score=lambda pool, chosen: sum(worth.get(c, 0.0) for c in chosen),
     )
-    better = likelier(search, SimpleNamespace(pool=pool, chosen=chosen), judgements)
+    better = likelier(SimpleNamespace(moves=moves), SimpleNamespace(pool=pool, chosen=chosen), judgements)
     return None if better is None else {terms[c].effect.name for c in better.chosen}
 
 
@@ -271,7 +274,7 @@ def pool_with_law(spec, *beside):
     name, names = spec.partition("@")[0], [t.effect.name for t in terms]
     key, one = {"hysteresis": "breakaway", "backlash": "crossing"}.get(name), names.index(name)
     terms[one] = terms[one].shaped({key: float(spec.rpartition("=")[2])} if key else {})
-    noise = Noise(np.zeros((2, 3)), 1e-4 * equations.effort_scale)
+    noise = Noise(np.zeros((2, 3)), 1e-4 * equations.rows.effort_scale)
     return Pool(equations, noise, terms, 0.02), one, names.index("coulomb_friction")
 
 
@@ -287,7 +290,7 @@ def pool_with_law(spec, *beside):
 def test_nothing_is_named_where_held_out_errors_grow(extended, named):
     """By share of each joint's effort, or in all: what helps a wrist is no cause where it harms the shoulder."""
     equations, near = equations_of(duration=30.0), np.zeros(2, bool)
-    equations.effort_scale = np.array([20.0, 0.5])
+    equations.rows = replace(equations.rows, effort_scale=np.array([20.0, 0.5]))
     case = SimpleNamespace(equations=equations, simulation=np.array([1.0, 0.1]), extended=np.array(extended))
     case.predictable, case.near = near, lambda error: near
     unfit = Doubts.of(case).unfit

@@ -57,14 +57,16 @@ def test_a_payload_hangs_from_a_tilted_base() -> None:
     assert named["base_tilt"].parameters["pitch_deg"].value == pytest.approx(5.0, abs=0.4)
     equations, model = found.equations, extend(found)
     signals = equations.motion.signals
-    left = equations.as_rows(signals.effort - model.predict(signals))
+    left = equations.decimation.as_rows(signals.effort - model.predict(signals))
     fitted = found.pool.residual(found.fit, blur=False)
     usable = equations.usable
 
     def size(values: np.ndarray) -> np.ndarray:
         return np.sqrt(np.sum(np.where(usable, values, 0.0) ** 2, axis=0) / usable.sum(axis=0))
 
-    assert (size(left) / equations.effort_scale).mean() < 1.3 * (size(fitted) / equations.effort_scale).mean()
+    assert (size(left) / equations.rows.effort_scale).mean() < 1.3 * (
+        size(fitted) / equations.rows.effort_scale
+    ).mean()
 
 
 @pytest.mark.slow
@@ -102,8 +104,8 @@ def test_what_links_are_off_by_hangs_from_the_tilted_base_as_well() -> None:
     left = []
     for known in (None, (angles[0], angles[1])):
         equations = build(replace(signals, effort=real), robot, tilt=known)
-        columns = np.concatenate([equations.rigid, equations.columns(tilt)], axis=2)[equations.usable]
-        target = equations.target[equations.usable]
+        columns = np.concatenate([equations.rigid, equations.columns.of(tilt)], axis=2)[equations.usable]
+        target = equations.rows.target[equations.usable]
         told = np.linalg.lstsq(columns, target, rcond=1e-10)[0]
         left.append(np.linalg.norm(target - columns @ told) / np.linalg.norm(target))
     assert left[1] < 1e-6

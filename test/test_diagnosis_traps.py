@@ -12,9 +12,10 @@ from diagnosis_cases import equations_of
 from bdnn_ros.diagnosis.diagnose import diagnose
 from bdnn_ros.diagnosis.regression.building import build
 from bdnn_ros.diagnosis.regression.coloring import noise_of
-from bdnn_ros.diagnosis.regression.equations import BLURS, Equations
+from bdnn_ros.diagnosis.regression.equations import Equations
 from bdnn_ros.diagnosis.regression.evidence import Pool
 from bdnn_ros.diagnosis.regression.noise import Noise
+from bdnn_ros.diagnosis.regression.nuisances import BLURS
 from bdnn_ros.diagnosis.regression.odds import COST
 from bdnn_ros.diagnosis.regression.term import Term
 from bdnn_ros.diagnosis.search.candidates import Candidates
@@ -45,10 +46,10 @@ def elastic_gain(equations: Equations, robot: Robot, joint: int) -> float:
     """Evidence for an elastic joint beside the commonest causes, at the noise that these leave."""
     candidates = Candidates.of(robot)
     common = candidates.common()
-    white = Noise(np.zeros((robot.width, 3)), 0.01 * equations.effort_scale)
+    white = Noise(np.zeros((robot.width, 3)), 0.01 * equations.rows.effort_scale)
     pool = Pool(equations, white, common, 0.05)
     every = range(len(common))
-    noise = noise_of(equations, pool.residual(pool.fit(every)), 1e-6 * equations.effort_scale)
+    noise = noise_of(equations, pool.residual(pool.fit(every)), 1e-6 * equations.rows.effort_scale)
     (term,) = (t for t in candidates.terms if (t.effect.name, t.target) == ("joint_elasticity", joint))
     term = term.shaped(term.effect.shapes(equations.motion, joint)[0])
     pool = Pool(equations, noise, [*common, term], 0.05)
@@ -61,7 +62,9 @@ def test_noise_of_the_effort_is_not_taken_for_an_elastic_joint(monkeypatch):
     equations = seen(simulate(robot, seed=2, duration=20.0, noise=noisy), robot)
     assert max(elastic_gain(equations, robot, joint) for joint in range(2)) < 3.0
     monkeypatch.setattr(Motion, "calm", equations.motion.signals.cutoff)
-    monkeypatch.setattr(Equations, "noise_gain", lambda self, term, width: np.zeros((self.blocks, width)))
+    monkeypatch.setattr(
+        Equations, "noise_gain", lambda self, term, width: np.zeros((self.rows.blocks, width))
+    )
     equations = seen(simulate(robot, seed=2, duration=20.0, noise=noisy), robot)
     assert max(elastic_gain(equations, robot, joint) for joint in range(2)) > COST, "the trap is not there"
 
@@ -74,12 +77,12 @@ def test_noise_that_is_the_smaller_for_an_elastic_joint_is_not_explained_by_one(
     noisy = SensorNoise(position=0.0, velocity=0.0, effort=0.02, correlation=wanders)
     equations = seen(simulate(robot, seed=3, duration=30.0, noise=noisy), robot)
     candidates = Candidates.of(robot)
-    floor = 1e-6 * equations.effort_scale
+    floor = 1e-6 * equations.rows.effort_scale
     (term,) = (t for t in candidates.terms if (t.effect.name, t.target) == ("joint_elasticity", 1))
     term = term.shaped(term.effect.shapes(equations.motion, 1)[shape])
 
     def at_own_noise(terms: list[Term]) -> float:
-        little = Noise(np.zeros((robot.width, 3)), 1e-3 * equations.effort_scale)
+        little = Noise(np.zeros((robot.width, 3)), 1e-3 * equations.rows.effort_scale)
         pool = Pool(equations, little, terms, 0.05)
         for _ in range(8):
             pool = Pool(equations, noise_of(equations, pool.residual(pool.whole), floor), terms, 0.05)
@@ -117,14 +120,14 @@ def test_columns_are_as_large_as_the_effect_behind_the_low_pass_of_a_diagnosis(s
     one = parse_spec(spec, robot)
     equations = seen(simulate(robot, [one], seed=1, duration=15.0, noise=QUIET), robot)
     true, shape = one.effect.coefficients(one.values)
-    lead = equations.nuisances[:, one.target, 0]
+    lead = equations.nuisances.along(equations.motion)[:, one.target, 0]
     rows = equations.usable[:, one.target]
-    target = equations.target[rows, one.target]
+    target = equations.rows.target[rows, one.target]
     tried = [{"crossing": 0.0015 * f} for f in (0.8, 0.9, 1.0, 1.1, 1.2)] if "crossing" in shape else [shape]
     best = []
     for one_shape in tried:
         columns = one.effect.columns(equations.motion, one.target, one_shape, one.link)
-        column = equations.as_rows(columns @ true[:, None])[:, one.target, 0]
+        column = equations.decimation.as_rows(columns @ true[:, None])[:, one.target, 0]
         tall = np.stack([column, lead], axis=1)[rows]
         found = np.linalg.lstsq(tall, target, rcond=None)[0]
         best.append((float(np.sum((target - tall @ found) ** 2)), float(found[0])))
@@ -153,8 +156,11 @@ def test_friction_of_a_joint_that_sticks_is_not_a_delay_of_its_effort():
     )
     simulated = simulate(robot, seed=4, duration=20.0, noise=QUIET, reality=worn)
     equations = seen(simulated, worn)
-    lead, sticking = equations.nuisances[:, 5, 0], equations.nuisances[:, 5, BLURS.stop + 5]
-    rows, target = (equations.usable & ~equations.dwelling)[:, 5], equations.target[:, 5]
+    lead, sticking = (
+        equations.nuisances.along(equations.motion)[:, 5, 0],
+        equations.nuisances.along(equations.motion)[:, 5, BLURS.stop + 5],
+    )
+    rows, target = (equations.usable & ~equations.rows.dwelling)[:, 5], equations.rows.target[:, 5]
     alone = np.linalg.lstsq(lead[rows, None], target[rows], rcond=None)[0]
     both = np.linalg.lstsq(np.stack([lead, sticking], axis=1)[rows], target[rows], rcond=None)[0]
     held = 0.5 / simulated.recording.rate
@@ -166,15 +172,15 @@ def test_a_drag_and_a_short_delay_do_not_stand_for_a_long_one():
     """Each bears the other out: the load that the delay puts ahead holds the drag. The effort itself, moved, does not."""
     robot = Robot.bundled("arm2")
     equations = equations_of(["effort_delay@arm2_joint1:delay=0.042"])
-    candidates, noise = Candidates.of(robot), Noise(np.zeros((2, 3)), 0.01 * equations.effort_scale)
+    candidates, noise = Candidates.of(robot), Noise(np.zeros((2, 3)), 0.01 * equations.rows.effort_scale)
     delay, drag = Term(get("effort_delay"), 0).shaped({"at": 0.012}), Term(get("quadratic_drag"), 0)
     false_drag = 3.0 * equations.motion.signals.velocity * np.abs(equations.motion.signals.velocity)
     load = equations.motion.load + false_drag * [1.0, 0.0]
-    equations.update_load(load, equations.drive)
+    equations.update_load(load, equations.decimation.simulated.drive)
     trapped = Pool(equations, noise, [drag, delay], 0.02)
     stays = candidates.refined(equations, trapped, trapped.whole, 1)
     assert dict(stays.shape)["at"] != pytest.approx(0.042, abs=0.003), "the trap is not there"
-    other = moved(candidates, trapped, (0, 1), 1, 1e-4 * equations.effort_scale)
+    other = moved(candidates, trapped, (0, 1), 1, 1e-4 * equations.rows.effort_scale)
     assert dict(other.terms[-1].shape)["at"] == pytest.approx(0.042, abs=0.003)
     assert other.coefficients(other.whole, 1) == pytest.approx(0.042, abs=0.001)
 
@@ -287,8 +293,8 @@ def test_noise_does_not_stand_for_common_causes_that_are_still_to_be_found():
     noisy = SensorNoise(position=0.0, velocity=0.0, effort=0.01)
     true = [parse_spec(spec, robot) for spec in specs]
     equations = seen(simulate(robot, true, seed=4, duration=20.0, noise=noisy), robot)
-    candidates, floor = Candidates.of(robot), 1e-6 * equations.effort_scale
-    white = Noise(np.zeros((2, 3)), 0.1 * equations.effort_scale)
+    candidates, floor = Candidates.of(robot), 1e-6 * equations.rows.effort_scale
+    white = Noise(np.zeros((2, 3)), 0.1 * equations.rows.effort_scale)
     stds = [
         at_own_noise(candidates, equations, Pool(equations, white, terms, 0.02), floor, beside).noise.std[1]
         for terms, beside in (([], []), ([], candidates.common()), (candidates.common(), []))

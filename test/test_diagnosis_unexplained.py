@@ -27,7 +27,7 @@ def equations() -> Equations:
 
 def rows(equations: Equations, values: np.ndarray) -> np.ndarray:
     """Working samples (N,) as rows (R,), low-passed."""
-    return equations.motion.signals.smooth(values)[equations.rows]
+    return equations.motion.signals.smooth(values)[equations.rows.samples]
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -84,7 +84,7 @@ def test_what_two_inputs_do_together_is_no_noise(equations, keys, of):
     residual = noise.copy()
     residual[:, 0] += signal
     scale = np.full(2, 20.0 * STD)
-    remainder = describe(replace(equations, effort_scale=scale), residual)
+    remainder = describe(replace(equations, rows=replace(equations.rows, effort_scale=scale)), residual)
     other = J1 if keys == ("position", "velocity") else J2
     of_joints = {f"{joint}.{key}" for joint, key in zip((J1, other), keys, strict=False)}
     assert set(remainder.depends_on()) == of_joints
@@ -95,7 +95,7 @@ def test_what_two_inputs_do_together_is_no_noise(equations, keys, of):
 @pytest.mark.parametrize("seed", range(2))
 def test_no_pair_predicts_noise_by_chance(equations, seed):
     """However much of the effort it is."""
-    quiet = replace(equations, effort_scale=np.full(2, STD))
+    quiet = replace(equations, rows=replace(equations.rows, effort_scale=np.full(2, STD)))
     assert describe(quiet, white(equations, STD, seed)[0]).inputs == {}
     assert describe(quiet, coloured(equations, np.array([0.8]), STD, seed)).inputs == {}
 
@@ -106,7 +106,7 @@ def test_what_it_depends_on_is_told_of_the_joints_that_it_is_asked_of(equations)
     of_first, of_second = (rows(equations, np.sin(9.0 * equations.motion.position[:, k])) for k in (0, 1))
     residual = noise + np.stack([10.0 * of_second, 4.0 * of_first], axis=1)
     scale = np.where(np.arange(2) == 0, 1e3, 1.0)  # the first joint is the strong one
-    remainder = describe(replace(equations, effort_scale=scale), residual)
+    remainder = describe(replace(equations, rows=replace(equations.rows, effort_scale=scale)), residual)
     first, second = f"{J2}.position", f"{J1}.position"
     assert [*remainder.depends_on().items()][:2] == [(first, J1), (second, J2)]
     assert next(iter(remainder.depends_on((J2,)).items())) == (second, J2)
@@ -117,7 +117,7 @@ def test_joints_that_are_far_apart_in_the_list_are_tried():
     """So that neither their order, nor a branch, nor a second gripper changes what is noise."""
     arm = equations_of(robot="arm6", duration=40.0)
     noise, _ = white(arm, STD, 8)
-    other = np.roll(np.arange(arm.width), 3)
+    other = np.roll(np.arange(arm.rows.width), 3)
     signal = 10.0 * STD * rows(arm, np.sin(3.0 * arm.motion.position[:, other]))
     remainder = describe(arm, noise + signal)
     names = arm.motion.signals.joints
@@ -178,7 +178,7 @@ def test_what_comes_in_bursts_is_no_noise(equations):
 
 
 def test_nothing_left_at_all(equations):
-    remainder = describe(equations, np.zeros_like(equations.target))
+    remainder = describe(equations, np.zeros_like(equations.rows.target))
     assert remainder.inputs == {} and not remainder.floor.any()
 
 
@@ -186,28 +186,28 @@ def test_nothing_left_at_all(equations):
 def test_what_a_joint_bears_at_rest_is_seen_where_it_is_large_and_lasts(equations, size, seconds, said):
     usable = equations.usable.copy()
     usable[len(usable) // 2 : len(usable) // 2 + 200, 1] = False
-    resting = replace(equations, usable=usable)
-    residual = np.zeros_like(equations.target)
-    time = equations.motion.time[equations.rows]
+    resting = replace(equations, rows=replace(equations.rows, usable=usable))
+    residual = np.zeros_like(equations.rows.target)
+    time = equations.rows.time
     begun = time[len(usable) // 2 + 20]
-    residual[(time >= begun) & (time < begun + seconds)] = size * equations.effort_scale
+    residual[(time >= begun) & (time < begun + seconds)] = size * equations.rows.effort_scale
     assert describe(resting, residual).resting == said
 
 
 def test_noise_that_is_as_large_is_not_what_a_joint_bears_at_rest(equations):
     usable = equations.usable.copy()
     usable[len(usable) // 2 : len(usable) // 2 + 200, 1] = False
-    loud = np.sign(np.sin(0.02 * np.arange(len(usable))))[:, None] * equations.effort_scale
-    assert describe(replace(equations, usable=usable), loud).resting == ()
+    loud = np.sign(np.sin(0.02 * np.arange(len(usable))))[:, None] * equations.rows.effort_scale
+    assert describe(replace(equations, rows=replace(equations.rows, usable=usable)), loud).resting == ()
 
 
 def test_a_recording_that_has_more_noise_than_another_has_no_bursts(equations):
     """As one along a faster motion may; what comes in bursts within one still does."""
     noise, _ = white(equations, STD, 3)
-    time = equations.motion.time[equations.rows]
+    time = equations.rows.time
     begun = float(time[0]), float(np.median(time))
     two = copy(equations)
-    two.motion = replace(equations.motion, signals=replace(equations.motion.signals, begun=begun))
+    two.use_motion(replace(equations.motion, signals=replace(equations.motion.signals, begun=begun)))
     noise[time >= begun[1]] *= 5.0
     remainder = describe(two, noise)
     assert remainder.bursts == ()
@@ -235,7 +235,7 @@ def test_names_of_joints_may_hold_dots(equations):
     plain = describe(equations, noise)
     signals = replace(equations.motion.signals, joints=("arm.joint1", "arm.joint2"))
     other = copy(equations)
-    other.motion = replace(equations.motion, signals=signals)
+    other.use_motion(replace(equations.motion, signals=signals))
     dotted = describe(other, noise)
     assert next(iter(plain.depends_on())) == f"{J1}.load"
     assert [*dotted.depends_on()] == [key.replace("arm2_", "arm.") for key in plain.depends_on()]

@@ -10,6 +10,7 @@ import pytest
 from diagnosis_cases import equations_of, term, white
 
 from bdnn_ros.diagnosis.pushes.windows import COARSE, LONGEST_SHARE, best_window
+from bdnn_ros.diagnosis.regression.columns import Columns
 from bdnn_ros.diagnosis.regression.evidence import Pool
 from bdnn_ros.diagnosis.regression.noise import Noise
 from bdnn_ros.diagnosis.regression.term import Term
@@ -25,13 +26,13 @@ def pool_of(spec: str, std: float = 0.05, seed: int = 0) -> tuple[Pool, Term]:
     """A pool without candidates on a recording with a push, and the push."""
     equations = equations_of([spec])
     noise, model = white(equations, std, seed)
-    equations.target = equations.target + noise
+    equations = equations.with_target(equations.rows.target + noise)
     return Pool(equations, model, [], TRUSTING), term(spec, Robot.bundled("arm2"))[0]
 
 
 def times(pool: Pool) -> np.ndarray:
     """Stamps of the rows [s]."""
-    return pool.equations.motion.time[pool.equations.rows]
+    return pool.equations.rows.time
 
 
 @pytest.mark.parametrize(
@@ -55,10 +56,10 @@ def test_no_window_of_whole_rows_explains_more():
     """Against every window, with the rows' columns cut where the search's running sums are."""
     pool, true = pool_of(f"external_wrench@{J1}:start=3.3,end=5.1,torque=1", std=0.2, seed=2)
     fit, equations, time = pool.fit(()), pool.equations, times(pool)
-    always = equations.columns(true.shaped({"start": -1.0, "end": 99.0}))
+    always = equations.columns.of(true.shaped({"start": -1.0, "end": 99.0}))
     precision = 1.0 / equations.spread(true, always)[0] ** 2
-    column = equations.whiten(always, pool.noise)[:, :, 0]
-    left = equations.whiten(pool.residual(fit), pool.noise)
+    column = equations.whitening.of(always, pool.noise)[:, :, 0]
+    left = equations.whitening.of(pool.residual(fit), pool.noise)
     power = np.concatenate([[0.0], np.cumsum(np.sum(column**2, axis=1))])
     moment = np.concatenate([[0.0], np.cumsum(np.sum(column * left, axis=1))])
 
@@ -94,8 +95,9 @@ def test_the_pause_between_recordings_is_no_time_that_a_window_lasts(start, end,
     equations = pool.equations
     signals = equations.motion.signals
     stamps = np.where(signals.time < 6.0, signals.time, signals.time + 1.0)  # from 7 s on the second one
-    equations.motion = replace(equations.motion, signals=replace(signals, time=stamps, begun=(0.0, 7.0)))
-    equations._columns.clear()
+    equations.use_motion(replace(equations.motion, signals=replace(signals, time=stamps, begun=(0.0, 7.0))))
+    equations.columns = Columns(equations.motion, equations.decimation)
+    equations.rows = replace(equations.rows, time=stamps[equations.rows.samples])
     found = dict(best_window(pool, pool.fit(()), true).shape)
     inside = (times(pool) >= found["start"]) & (times(pool) <= found["end"])
     assert inside.sum() * float(np.median(np.diff(times(pool)))) >= SHORTEST
@@ -105,7 +107,7 @@ def test_the_pause_between_recordings_is_no_time_that_a_window_lasts(start, end,
 def test_coloured_noise_alone_gives_a_window_all_the_same():
     pool, true = pool_of(f"external_wrench@{J1}:start=3,end=5,torque=1")
     equations = pool.equations
-    equations.target = np.cumsum(white(equations, 0.05)[0], axis=0)
+    equations = equations.with_target(np.cumsum(white(equations, 0.05)[0], axis=0))
     slow = Pool(equations, Noise(np.full((2, 1), 0.95), np.full(2, 0.05)), [], TRUSTING)
     found = dict(best_window(slow, slow.fit(()), true).shape)
     assert times(pool)[0] <= found["start"] < found["end"] <= times(pool)[-1]

@@ -15,7 +15,8 @@ from bdnn_ros.diagnosis.regression.building import build
 from bdnn_ros.diagnosis.regression.evidence import Pool
 from bdnn_ros.diagnosis.regression.noise import Noise
 from bdnn_ros.diagnosis.search.candidates import Candidates
-from bdnn_ros.diagnosis.search.search import Search, Selection
+from bdnn_ros.diagnosis.search.search import Search
+from bdnn_ros.diagnosis.search.selection import Selection
 from bdnn_ros.effects.backlash import _sides
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.effects.registry import parse_spec
@@ -87,7 +88,7 @@ def test_a_gap_that_is_never_crossed_is_a_rival_of_a_wrong_zero_beside_a_soft_ge
     for one, coefficients in zip(terms[:2], values[:2], strict=True):
         effort += one.effect.columns(motion, 1, dict(one.shape)) @ coefficients
     equations = build(replace(signals, effort=effort), robot)
-    pool = Pool(equations, Noise(np.zeros((6, 3)), 0.01 * equations.effort_scale), terms, 0.02)
+    pool = Pool(equations, Noise(np.zeros((6, 3)), 0.01 * equations.rows.effort_scale), terms, 0.02)
     search = Search(equations, Candidates.of(robot), lambda said: None)
     judged, _ = judge(search, Selection(pool, (0, 1), pool.fit((0, 1))))
     rivals = {rival.effect.name: probability for rival, probability in judged.rivals}

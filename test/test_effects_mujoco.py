@@ -51,17 +51,17 @@ def test_a_regression_finds_the_parameters_that_mujoco_was_given(name):
         terms.append(Term(get(effect_of_wear), j))
         known.append(np.array([amount]))
     equations = build(flattened(prepare(recording), LOW), ROBOT)
-    equations.use_rows(equations.usable & ~equations.dwelling)  # as parameters are estimated
-    noise = Noise(np.zeros((2, 3)), 1e-3 * equations.effort_scale)
+    equations.use_rows(equations.usable & ~equations.rows.dwelling)  # as parameters are estimated
+    noise = Noise(np.zeros((2, 3)), 1e-3 * equations.rows.effort_scale)
     pool = settled(Candidates.of(ROBOT), equations, Pool(equations, noise, terms, 1e-4))
-    columns = [equations.columns(term) for term in terms]
+    columns = [equations.columns.of(term) for term in terms]
     found = pool.coefficients(pool.whole, 0)
     own = (effect.kinds == 0.0).any(axis=0)
     known[0][own] = found[own]  # a box turns about itself: fitted, and not told
     part, true = (columns[0] @ some for some in (found, coefficients))
     assert np.abs(part - true).max() < 0.05 * np.abs(true).max()
-    left = equations.target - sum(column @ some for column, some in zip(columns, known, strict=True))
-    left = left[equations.usable.all(axis=1)] / equations.effort_scale
+    left = equations.rows.target - sum(column @ some for column, some in zip(columns, known, strict=True))
+    left = left[equations.usable.all(axis=1)] / equations.rows.effort_scale
     assert np.sqrt(np.mean(left**2)) < 0.02
 
 

@@ -258,7 +258,7 @@ def _examination(
 ) -> SimpleNamespace:
     """What `extend` reads of an examination, for terms that are known."""
     equations = build(signals, robot, None if model is None else model.predict(signals))
-    noise = noise_of(equations, share * equations.target, 1e-4 * equations.effort_scale)
+    noise = noise_of(equations, share * equations.rows.target, 1e-4 * equations.rows.effort_scale)
     pool = Pool(equations, noise, terms, link_error)
     fit = pool.whole
     return SimpleNamespace(
@@ -268,7 +268,7 @@ def _examination(
         fit=fit,
         estimates=tuple(estimates(pool, fit)),
         diagnosis=SimpleNamespace(findings=()),
-        test=equations.block % 5 == 2,
+        test=equations.rows.block % 5 == 2,
         extended=pool.residual(fit),
         model=model,
         late=Lateness(),

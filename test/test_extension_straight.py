@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from bdnn_ros.diagnosis.diagnose import Examination, examine
-from bdnn_ros.diagnosis.regression.learned import Learned
+from bdnn_ros.diagnosis.regression.joint_errors import JointErrors
 from bdnn_ros.extension.extend import extend
 from bdnn_ros.extension.extended import ExtendedModel
 from bdnn_ros.extension.urdf import joints_of
@@ -55,7 +55,7 @@ def left_by(model: ExtendedModel, examination: Examination) -> np.ndarray:
     """Root mean square error of the effort along the motion, (n,) [N·m]."""
     equations = examination.equations
     signals = equations.motion.signals
-    error = signals.smooth(signals.effort - model.predict(signals))[equations.rows]
+    error = signals.smooth(signals.effort - model.predict(signals))[equations.rows.samples]
     return np.sqrt(np.mean(np.where(equations.usable, error, 0.0) ** 2, axis=0))
 
 
@@ -83,7 +83,7 @@ def test_a_robot_has_the_friction_that_describes_it_best_without_what_its_joints
 
 
 def test_that_changes_nothing_of_what_a_model_predicts(faster, model, monkeypatch):
-    monkeypatch.setattr(Learned, "handed_back", lambda self, equations, learned: np.zeros((3, 2)))
+    monkeypatch.setattr(JointErrors, "handed_back", lambda self, columns, usable, learned: np.zeros((3, 2)))
     before, signals = extend(faster), faster.equations.motion.signals
     assert np.abs(joints_of(before).viscous - joints_of(model).viscous).max() > 0.01
     was, now = before.predict(signals), model.predict(signals)

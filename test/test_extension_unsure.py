@@ -10,6 +10,7 @@ import pytest
 
 from bdnn_ros.diagnosis.diagnose import Examination, examine
 from bdnn_ros.diagnosis.regression.building import build
+from bdnn_ros.diagnosis.regression.known import Known
 from bdnn_ros.diagnosis.regression.term import Term
 from bdnn_ros.diagnosis.regression.unsure import ERROR_FACTOR, Unsure
 from bdnn_ros.effects.registry import get, parse_spec
@@ -116,15 +117,15 @@ KNOWN = Unsure((VISCOUS, COULOMB), np.array([[0.04, 0.01], [0.01, 0.09]]))
 
 def test_errors_of_effects_are_those_of_their_coefficients():
     signals = flattened(prepare(rubbing(12.0, 0.5)), 5.0)
-    equations, plain = (build(signals, ARM, unsure=each) for each in (KNOWN, None))
+    equations, plain = (build(signals, ARM, known=Known(unsure=each)) for each in (KNOWN, None))
     np.testing.assert_allclose(KNOWN.errors @ KNOWN.errors.T, ERROR_FACTOR**2 * KNOWN.covariance, atol=1e-12)
     units = np.array([0.3, -0.7])
     more = KNOWN.moved(np.concatenate([np.zeros(equations.rigid.shape[2] - 2), units]))
-    wanted = sum(equations.columns(term) @ c for term, c in zip(KNOWN.terms, more, strict=True))
+    wanted = sum(equations.columns.of(term) @ c for term, c in zip(KNOWN.terms, more, strict=True))
     np.testing.assert_allclose(equations.rigid[:, :, -2:] @ units, wanted, atol=1e-9)
     np.testing.assert_array_equal(equations.rigid[:, :, :-2], plain.rigid)
-    spread = equations.link_spread(0.1)
-    assert spread[-2:].tolist() == [1.0, 1.0] and spread[:-2].tolist() == plain.link_spread(0.1).tolist()
+    spread = equations.errors.spread(0.1)
+    assert spread[-2:].tolist() == [1.0, 1.0] and spread[:-2].tolist() == plain.errors.spread(0.1).tolist()
 
 
 def test_what_is_moved_stays_possible():

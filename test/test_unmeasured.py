@@ -156,7 +156,7 @@ def test_rows_that_saw_a_limit_do_not_count_for_its_joint(arm, plain):
     lost = before.usable & ~usable(cut, arm)
     assert not lost[:, 1].any()
     at = cut_off(cut.require_effort())[:, 0].astype(float)
-    at_limit = np.interp(before.motion.signals.time[before.rows], plain.time, at) > 0.5
+    at_limit = np.interp(before.rows.time, plain.time, at) > 0.5
     assert lost[at_limit & before.usable[:, 0], 0].all()
     assert 0.02 < lost[:, 0].mean() < 0.5
 

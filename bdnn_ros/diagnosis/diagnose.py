@@ -229,11 +229,9 @@ def _looks(
         RecordingError: too short.
     """
     signals = measured.signals
-    of_robot = signals, known.robot, measured.predicted
-    equations = build(*of_robot, known.left_open, tilt, known.by_load, known.unloaded, known.unsure)
-    equations.lead = known.lead
-    values = 2.0 * signals.cutoff * equations.moving.max()
-    if equations.blocks < EVERY_TEST_BLOCK or values < FEWEST_VALUES:
+    equations = build(signals, known.robot, measured.predicted, known.of_model, tilt)
+    values = 2.0 * signals.cutoff * equations.rows.moving.max()
+    if equations.rows.blocks < EVERY_TEST_BLOCK or values < FEWEST_VALUES:
         raise _too_short(measured.recordings, cutoff, signals.cutoff)
     errors = LINK_ERRORS if known.left_open is None else IDENTIFIED_LINK_ERRORS
     candidates = Candidates.shown_by(equations, None if known.model is None else known.held)

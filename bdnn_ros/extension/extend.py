@@ -12,7 +12,7 @@ from bdnn_ros.diagnosis.judging.posterior import Estimate
 from bdnn_ros.diagnosis.recorded.compared import offsets_of
 from bdnn_ros.diagnosis.recorded.velocity_filter import none_is_left
 from bdnn_ros.diagnosis.regression.equations import Equations
-from bdnn_ros.diagnosis.regression.learned import CONTRACT_SIGNS, STRAIGHT
+from bdnn_ros.diagnosis.regression.joint_errors import CONTRACT_SIGNS, STRAIGHT
 from bdnn_ros.diagnosis.regression.term import COMMON
 from bdnn_ros.diagnosis.search.leads import lead_and_delays
 from bdnn_ros.effects.registry import Installed, get
@@ -55,9 +55,9 @@ def extend(examination: Examination) -> ExtendedModel:
     errors, corrected = fit.coefficients[:links], corrected_links(robot, found, *_bodies(examination))
     earlier, corrected = _joints_moved(earlier, corrected, equations, errors)
     before: list[Known] = known_effects(earlier)
-    if equations.unsure is not None:
+    if equations.errors.unsure is not None:
         known = fit.covariance[:links, :links]
-        corrected, more = joints_moved(corrected, before, equations.unsure, errors, known)
+        corrected, more = joints_moved(corrected, before, equations.errors.unsure, errors, known)
         before += more
     rows = equations.usable & examination.test[:, None]
     error = np.where(rows, examination.extended, 0.0)
@@ -137,7 +137,7 @@ def _sticking(examination: Examination, robot: Robot, effects: Sequence[Installe
     """
     equations, fit = examination.equations, examination.fit
     links = equations.rigid.shape[2]
-    rows = np.arange(links + equations.sticking.start, links + equations.sticking.stop)
+    rows = np.arange(links + equations.nuisances.sticking.start, links + equations.nuisances.sticking.stop)
     found, stds = fit.coefficients[rows], np.sqrt(np.diag(fit.covariance)[rows])
     dry = robot.coulomb > 0.0
     dry[[joint for joint, _ in plant_of(robot, effects).dry]] = True
@@ -187,13 +187,13 @@ def _bodies(examination: Examination) -> tuple[np.ndarray, np.ndarray, np.ndarra
     remaining effort allows, and a link is no better known together with its payload than the effort is.
     """
     equations, fit, pool = examination.equations, examination.fit, examination.pool
-    columns, rows = [equations.relative], [np.arange(equations.relative.shape[1])]
+    columns, rows = [equations.errors.relative], [np.arange(equations.errors.relative.shape[1])]
     for chosen in fit.terms:
         effect, link = pool.terms[chosen].effect, pool.terms[chosen].link
         if isinstance(effect, Payload) and link is not None:
             body, at = examination.robot.body_of(link)[0], pool.rows(fit, chosen)
             columns.append(
-                np.eye(len(equations.relative))[:, body * PER_LINK + POINT : (body + 1) * PER_LINK]
+                np.eye(len(equations.errors.relative))[:, body * PER_LINK + POINT : (body + 1) * PER_LINK]
             )
             rows.append(np.arange(at.start + POINT, at.stop))
     known = np.concatenate(rows)
@@ -209,15 +209,16 @@ def _joints_moved(
     None becomes negative; both are unchanged if no model was identified. Learned joint terms keep only what linear friction
     cannot express, since files for other programs can hold only that.
     """
-    if equations.jointwise is None or equations.learned is None or not errors.any():
+    open_ = equations.errors.joints
+    if open_ is None or not errors.any():
         return earlier, robot
-    moved = (equations.jointwise @ errors).reshape(len(COMMON), -1)
+    moved = (open_.parameters @ errors).reshape(len(COMMON), -1)
     learned = None
     if earlier.beyond is not None:
-        learned = equations.learned.moved(earlier.beyond.learned, errors)
+        learned = open_.moved(earlier.beyond.learned, errors)
     given = np.zeros((len(STRAIGHT), robot.width))
     if learned is not None:
-        given = equations.learned.handed_back(equations, learned)
+        given = open_.handed_back(equations.columns, equations.usable, learned)
         friction = np.array([robot.viscous, robot.coulomb]) + moved[1:-1]
         given[:-1] = np.maximum(given[:-1], -friction)
         learned = replace(learned, straight=learned.straight + given.T * CONTRACT_SIGNS)

@@ -34,14 +34,14 @@ def unsure_of(examination: Examination) -> Unsure:
     """
     pool, fit, equations = examination.pool, examination.fit, examination.equations
     told = [pool.terms[chosen] for chosen in fit.terms]
-    if equations.jointwise is None and equations.unsure is None:
-        missing = [*_missing(told, equations.width)]
+    if equations.errors.joints is None and equations.errors.unsure is None:
+        missing = [*_missing(told, equations.rows.width)]
         every = Pool(equations, pool.noise, [*told, *missing], pool.link_error)
     else:
         missing, every = [], Pool(equations, pool.noise, told, pool.link_error)
-    if equations.unsure is not None:  # what the motion says nothing of is as well known as it was
+    if equations.errors.unsure is not None:  # what the motion says nothing of is as well known as it was
         every = copy(every)
-        last = np.arange(equations.rigid.shape[2])[equations.unsure.last]
+        last = np.arange(equations.rigid.shape[2])[equations.errors.unsure.last]
         every.precision = every.precision.copy()
         every.precision[last] *= ERROR_FACTOR**2
     whole = every.whole
@@ -76,9 +76,9 @@ def _missing(told: Sequence[Term], width: int) -> Iterator[Term]:
 def _known(examination: Examination, told: Sequence[Term]) -> list[Term]:
     """Joint effects that were found, left out, or known before, each once."""
     equations = examination.equations
-    before = [] if equations.unsure is None else [*equations.unsure.terms]
-    if equations.jointwise is not None:
-        before += [Term(get(name), joint) for name in COMMON for joint in range(equations.width)]
+    before = [] if equations.errors.unsure is None else [*equations.errors.unsure.terms]
+    if equations.errors.joints is not None:
+        before += [Term(get(name), joint) for name in COMMON for joint in range(equations.rows.width)]
     now = [_plain(one) for one in told if one.effect.name in AT_JOINTS]
     return [*dict.fromkeys([*before, *now])]
 
@@ -88,14 +88,14 @@ def _by(pool: Pool, fit: Fit, terms: Sequence[Term]) -> np.ndarray:
     equations, where = pool.equations, dict(zip(terms, slots_of(terms), strict=True))
     size = max((slot.stop for slot in where.values()), default=0)
     result, links = np.zeros((size, len(fit.coefficients))), equations.rigid.shape[2]
-    if equations.jointwise is not None:
-        own = (Term(get(name), joint) for name in COMMON for joint in range(equations.width))
-        for one, row in zip(own, equations.jointwise, strict=True):
+    if equations.errors.joints is not None:
+        own = (Term(get(name), joint) for name in COMMON for joint in range(equations.rows.width))
+        for one, row in zip(own, equations.errors.joints.parameters, strict=True):
             result[where[one], : len(row)] += row
-    if equations.unsure is not None:
-        last = np.arange(links)[equations.unsure.last]
-        for one, slot in zip(equations.unsure.terms, equations.unsure.slots, strict=True):
-            result[where[one], last] += equations.unsure.errors[slot]
+    if equations.errors.unsure is not None:
+        last = np.arange(links)[equations.errors.unsure.last]
+        for one, slot in zip(equations.errors.unsure.terms, equations.errors.unsure.slots, strict=True):
+            result[where[one], last] += equations.errors.unsure.errors[slot]
     for chosen in fit.terms:
         told = pool.terms[chosen]
         if told.effect.name in AT_JOINTS and (one := _plain(told)) in where:

@@ -215,12 +215,12 @@ def method(shown: View) -> list[tuple[str, str]]:
     examination = shown.examination
     equations, pool = examination.equations, examination.pool
     signals, compared = equations.motion.signals, reference(shown.since)
-    held = len(np.unique(equations.block[shown.held]))
+    held = len(np.unique(equations.rows.block[shown.held]))
     seconds = float(np.median([b - a for a, b in shown.held_spans()])) if shown.held.any() else 0.0
     doubt = f"{100.0 * pool.link_error:.0f} "
     slower = f"{signals.raw_rate:.4g}" != f"{signals.rate:.4g}"
     rates = f"from {signals.raw_rate:.4g} to {signals.rate:.4g} Hz" if slower else f"at {signals.rate:.4g} Hz"
-    identified = equations.jointwise is not None
+    identified = equations.errors.joints is not None
     doubt += "standard deviations of what was identified" if identified else "%"
     return [
         (
@@ -230,7 +230,7 @@ def method(shown: View) -> list[tuple[str, str]]:
         ),
         (
             "Held out",
-            f"{held} of {equations.blocks} blocks of time, about {seconds:.1f} s each, spread over the "
+            f"{held} of {equations.rows.blocks} blocks of time, about {seconds:.1f} s each, spread over the "
             "recording (shaded in the charts). Neither the search nor the model that is scored has seen "
             "them. Of what came and went between them the middle fifth of its time is held out from the model "
             "that is scored there. Errors, shares and gain are measured on all of these.",

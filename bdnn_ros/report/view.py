@@ -115,13 +115,13 @@ class View:
     def runs(self) -> list[slice]:
         """Gap-free pieces of the excerpt, counted from its start."""
         first, last = self.excerpt.start, self.excerpt.stop
-        pieces = [(max(r.start, first), min(r.stop, last)) for r in self.examination.equations.runs]
+        pieces = [(max(r.start, first), min(r.stop, last)) for r in self.examination.equations.rows.runs]
         return [slice(a - first, b - first) for a, b in pieces if b > a]
 
     def held_spans(self) -> list[tuple[float, float]]:
         """Held-out stretches of time, split at pauses."""
         spans = []
-        for run in self.examination.equations.runs:
+        for run in self.examination.equations.rows.runs:
             time = self.time[run]
             edges = np.flatnonzero(np.diff(self.held[run].astype(int), prepend=0, append=0)).reshape(-1, 2)
             spans += [(float(time[a]), float(time[min(b, len(time) - 1)])) for a, b in edges]
@@ -131,7 +131,7 @@ class View:
 def view(examination: Examination) -> View:
     """The rows of an examination."""
     equations, pool, fit = examination.equations, examination.pool, examination.fit
-    motion, rows = equations.motion, equations.rows
+    motion, rows = equations.motion, equations.rows.samples
     effort = motion.signals.effort
     assert effort is not None  # examine() refuses a recording without
     measured = motion.signals.smooth(effort)[rows]
@@ -141,20 +141,20 @@ def view(examination: Examination) -> View:
         "position": motion.position[rows],
         "load": motion.load[rows],
         "acceleration": motion.acceleration[rows],
-        "time": np.repeat(time[:, None], equations.width, axis=1),
+        "time": np.repeat(time[:, None], equations.rows.width, axis=1),
     }
     return View(
         examination=examination,
         time=time,
         inputs=inputs,
         measured=measured,
-        before=equations.target,
+        before=equations.rows.target,
         after=examination.extended,
         residual=pool.residual(fit, blur=False),
         direction=np.where(inputs["velocity"] >= 0.0, 1.0, -1.0),
         usable=equations.usable,
         held=examination.test,
-        scale=equations.effort_scale,
+        scale=equations.rows.effort_scale,
         causes=tuple(_causes(examination)),
     )
 
@@ -176,8 +176,10 @@ def _causes(examination: Examination) -> Iterable[Cause]:
         # Two variants of one effect may sit at one place: their values tell them apart.
         estimate = next((e for e in same if _values(e.quantities) == _values(finding.parameters)), same[0])
         same.remove(estimate)
-        part = equations.columns(estimate.term) @ estimate.coefficients
-        sizes = np.sqrt(np.mean(np.where(equations.usable, part, 0.0) ** 2, axis=0)) / equations.effort_scale
+        part = equations.columns.of(estimate.term) @ estimate.coefficients
+        sizes = (
+            np.sqrt(np.mean(np.where(equations.usable, part, 0.0) ** 2, axis=0)) / equations.rows.effort_scale
+        )
         yield Cause(finding, estimate.term.effect, part, sizes, int(np.argmax(sizes)))
 
 
@@ -211,7 +213,7 @@ def link_changes(examination: Examination, links: np.ndarray) -> list[LinkChange
     """
     robot, equations, fit = examination.robot, examination.equations, examination.fit
     size = equations.rigid.shape[2]
-    masses = equations.relative[::PER_LINK]
+    masses = equations.errors.relative[::PER_LINK]
     variance = np.sum((masses @ fit.covariance[:size, :size]) * masses, axis=1)
     for one in examination.estimates:
         if one.term.effect.name == LinkInertia.name and one.term.link is not None:

@@ -15,7 +15,8 @@ from bdnn_ros.diagnosis.regression.evidence import Pool
 from bdnn_ros.diagnosis.regression.gains import MINIMUM_SHARE, acting, removed, rms
 from bdnn_ros.diagnosis.regression.term import Term
 from bdnn_ros.diagnosis.search.candidates import Candidates
-from bdnn_ros.diagnosis.search.search import Progress, Search, Selection
+from bdnn_ros.diagnosis.search.search import Progress, Search
+from bdnn_ros.diagnosis.search.selection import Selection
 from bdnn_ros.diagnosis.search.settling import settled, windows_anew
 from bdnn_ros.effects.motion import Motion
 
@@ -82,7 +83,7 @@ class Looks:
         """The look without the test rows of a phase; cached."""
         if phase not in self._seen:
             self.say("first look")
-            self._seen[phase] = self._looked(self.equations.block % EVERY_TEST_BLOCK == phase)
+            self._seen[phase] = self._looked(self.equations.rows.block % EVERY_TEST_BLOCK == phase)
         return self._seen[phase]
 
     def pushed(self) -> np.ndarray:
@@ -112,9 +113,11 @@ class Looks:
         search = Search(equations, self.candidates, self.say, self._link_errors)
         equations.use_rows(self.whole & ~test[:, None])
         found = search.first()
-        sure = self.whole & found.pool.noise.sure(equations.sticking_doubt)
+        sure = self.whole & found.pool.noise.sure(equations.rows.sticking_doubt)
         left = found.pool.residual(found.fit, blur=False)
-        return Look(test, search, found, equations.motion, surprise(left, sure, test, equations.effort_scale))
+        return Look(
+            test, search, found, equations.motion, surprise(left, sure, test, equations.rows.effort_scale)
+        )
 
 
 def best_attempt(looks: Looks) -> Attempt:
@@ -134,7 +137,7 @@ def best_attempt(looks: Looks) -> Attempt:
         look = looks.at(phase)
         equations.use_motion(look.motion)
         attempt = attempted(look.search, look.found, looks.whole, look.test)
-        surprising = surprise(attempt.extended, attempt.fitted.sure, look.test, equations.effort_scale)
+        surprising = surprise(attempt.extended, attempt.fitted.sure, look.test, equations.rows.effort_scale)
         made.append((surprising, attempt, equations.motion))
         if surprising <= SURPRISING:
             break
@@ -180,7 +183,7 @@ def completed(equations: Equations, attempt: Attempt) -> Attempt:
     removals = removed(equations, fitted, attempt.extended, counted & test[:, None])
     for one, (removal,) in enumerate(removals):
         if removal.brief and not removal.there:
-            part = equations.columns(fitted.terms[one]) @ fitted.coefficients(fitted.whole, one)
+            part = equations.columns.of(fitted.terms[one]) @ fitted.coefficients(fitted.whole, one)
             when = np.flatnonzero((acting(part) & counted).any(axis=1))
             half = len(when) * (EVERY_TEST_BLOCK - 1) // (2 * EVERY_TEST_BLOCK)
             test[when[half : len(when) - half]] = True
@@ -198,7 +201,7 @@ def _reconsidered(search: Search, found: Selection, terms: list[Term]) -> tuple[
     places = {term.place for term in terms}
     others = [term for term in found.pool.terms if term.place not in places]
     pool = Pool(search.equations, found.pool.noise, [*terms, *others], found.pool.link_error)
-    chosen = tuple(search.reconsidered(pool, list(range(len(terms)))))
+    chosen = tuple(search.moves.reconsidered(pool, list(range(len(terms)))))
     selection = plainer(Selection(pool, chosen, pool.fit(chosen)))
     judgements = judge(search, selection)
     seen = [selection.places]
@@ -210,7 +213,7 @@ def _reconsidered(search: Search, found: Selection, terms: list[Term]) -> tuple[
         seen.append(better.places)
         selection, judgements = better, judge(search, better)
     if len(seen) > 1:  # terms replaced one after the other may be one cause
-        joined = tuple(search.joined(selection.pool, list(selection.chosen)))
+        joined = tuple(search.moves.joined(selection.pool, list(selection.chosen)))
         if joined != selection.chosen:
             selection = Selection(selection.pool, joined, selection.pool.fit(joined))
             judgements = judge(search, selection)

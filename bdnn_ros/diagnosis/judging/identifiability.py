@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bdnn_ros.aside import in_two
-from bdnn_ros.diagnosis.judging.lookalikes import Placed
+from bdnn_ros.diagnosis.judging.lookalikes import Placed, hang, turn_alike
 from bdnn_ros.diagnosis.judging.scaled import scaled
 from bdnn_ros.diagnosis.pushes.pushes import reshaped, tie_margin
 from bdnn_ros.diagnosis.regression.evidence import Pool
@@ -17,9 +17,9 @@ from bdnn_ros.diagnosis.regression.gains import MINIMUM_SHARE, acting
 from bdnn_ros.diagnosis.regression.noise import rms
 from bdnn_ros.diagnosis.regression.odds import contains, link_error_cost, rival_joint
 from bdnn_ros.diagnosis.regression.term import Shape, Term, new_shapes, of_shapes
-from bdnn_ros.diagnosis.search.candidates import Candidates
-from bdnn_ros.diagnosis.search.search import Search, Selection
-from bdnn_ros.robot.axes import spins
+from bdnn_ros.diagnosis.search.moves import Moves
+from bdnn_ros.diagnosis.search.search import Search
+from bdnn_ros.diagnosis.search.selection import Selection
 
 Weighed = tuple[float, float, dict[int, float], dict[int, Shape]]
 TEMPERATURE = 2.0
@@ -119,7 +119,8 @@ def likelier(search: Search, selection: Selection, judgements: Sequence[Judgemen
 def _with_parts(search: Search, selection: Selection, term: Term) -> Selection:
     """The selection, with a part of the dropped term added if the rest needs it."""
     pool = selection.pool
-    best = max(_bases(pool, term, list(selection.chosen)), key=lambda chosen: search.score(pool, chosen))
+    bases = _bases(pool, term, list(selection.chosen))
+    best = max(bases, key=lambda chosen: search.moves.score(pool, chosen))
     return Selection(pool, tuple(best), pool.fit(best))
 
 
@@ -127,7 +128,7 @@ def _earned(search: Search, richer: Selection, plain: Selection, part: int) -> b
     """Whether a richer law's excess over a part of it is large enough for a name and confirmed by held-out blocks."""
     if _slight(richer, part):
         return False
-    return search.predicts_better(richer.pool, richer.chosen, plain.chosen)
+    return search.moves.predicts_better(richer.pool, richer.chosen, plain.chosen)
 
 
 def _slight(richer: Selection, part: int) -> bool:
@@ -141,7 +142,7 @@ def weighed(search: Search, selection: Selection, judgements: Sequence[Judgement
     """Final judgements, with whether each term helps on held-out blocks."""
     pool, chosen = selection.pool, selection.chosen
     return [
-        replace(judgement, steady=search.predicts_better(pool, chosen, [c for c in chosen if c != one]))
+        replace(judgement, steady=search.moves.predicts_better(pool, chosen, [c for c in chosen if c != one]))
         for one, judgement in zip(chosen, folded(selection, judgements), strict=True)
     ]
 
@@ -203,10 +204,10 @@ def _beyond(pool: Pool, fit: Fit, one: int, part: int) -> float:
     joint = law.target
 
     def share(rows: np.ndarray) -> float:
-        does = (equations.columns(law)[rows, joint]) @ pool.coefficients(fit, one)
-        columns = equations.columns(plain)[rows, joint]
+        does = (equations.columns.of(law)[rows, joint]) @ pool.coefficients(fit, one)
+        columns = equations.columns.of(plain)[rows, joint]
         left = does - columns @ np.linalg.lstsq(columns, does, rcond=None)[0]
-        return rms(left[acting(left)]) / float(equations.effort_scale[joint])
+        return rms(left[acting(left)]) / float(equations.rows.effort_scale[joint])
 
     anywhere = share(equations.usable[:, joint]) if contains(law, plain) else 0.0
     return anywhere if anywhere >= MINIMUM_SHARE else share(equations.exact[:, joint])
@@ -223,7 +224,7 @@ def _best_scores(search: Search, selection: Selection, one: int) -> Weighed:
         rest = [c for c in selection.chosen if c != one]
         fair = reshaped(fair, rest, search.candidates.robot).replacing({one: term})
     for pool in search.beliefs_of(fair):
-        weighed = _scores(search, pool, selection.chosen, one)
+        weighed = _scores(search.moves, pool, selection.chosen, one)
         own, nothing = max(own, weighed[0]), max(nothing, weighed[1])
         for rival, score in weighed[2].items():
             scores[rival] = max(scores.get(rival, -np.inf), score)
@@ -253,7 +254,7 @@ def _listed(term: Term, rivals: Sequence[tuple[Term, float]]) -> tuple[tuple[Ter
 
 
 def _scores(
-    search: Search, pool: Pool, chosen: Sequence[int], one: int
+    moves: Moves, pool: Pool, chosen: Sequence[int], one: int
 ) -> tuple[float, float, dict[int, float]]:
     """Scores with a term, without it, and with each rival in its place.
 
@@ -261,44 +262,32 @@ def _scores(
     """
     term, rest = pool.terms[one], [c for c in chosen if c != one]
     both = [*rest, one]
-    own, fit_both = search.score(pool, both), pool.fit(both)
+    own, fit_both = moves.score(pool, both), pool.fit(both)
     scores: dict[int, float] = {}
     for base in _bases(pool, term, rest):
-        fit, start = pool.fit(base), search.score(pool, base)
-        possible = search.open_to(pool, base, rival_joint(term), term)
+        fit, start = pool.fit(base), moves.score(pool, base)
+        possible = moves.open_to(pool, base, rival_joint(term), term)
         rivals = [c for c in possible if pool.terms[c].spot != term.spot]
-        instead = pool.gains(fit, rivals) - search.costs(pool, base, rivals)
-        beside = pool.gains(fit_both, rivals) - search.costs(pool, both, rivals)
+        instead = pool.gains(fit, rivals) - moves.costs(pool, base, rivals)
+        beside = pool.gains(fit_both, rivals) - moves.costs(pool, both, rivals)
         for c, gain, more in zip(rivals, instead, beside, strict=True):
             score = start + float(gain)
             if score > own - CLOSE:  # the gain ignores bounds of the other terms: score within them
-                score = search.score_beside(pool, base, c)
+                score = moves.score_beside(pool, base, c)
             more = 0.0 if contains(pool.terms[c], term) else max(float(more), 0.0)
             scores[c] = max(scores.get(c, -np.inf), score - more)
-    for c, score in scaled(search, pool, rest, one).items():
+    for c, score in scaled(moves, pool, rest, one).items():
         scores[c] = max(scores.get(c, -np.inf), score)
-    for c in [c for c in scores if _hang(term, pool.terms[c])]:
+    for c in [c for c in scores if hang(term, pool.terms[c])]:
         # a load centred on the axis between two links fits on either: how exactly it lies there decides nothing
         behind = pool.fit([*rest, c]).loss - fit_both.loss
         if behind < ALIKE:
-            cost, other = search.costs(pool, rest, [one, c])
+            cost, other = moves.costs(pool, rest, [one, c])
             scores[c] = own + float(cost - other) - behind
-    for c in [c for c in scores if _turn_alike(search.candidates, term, pool.terms[c])]:
+    for c in [c for c in scores if turn_alike(moves.candidates, term, pool.terms[c])]:
         scores[c] = max(scores[c], own)
     cost = link_error_cost(pool)
-    return own - cost, search.score(pool, rest) - cost, {c: score - cost for c, score in scores.items()}
-
-
-def _hang(term: Term, rival: Term) -> bool:
-    """Whether both are payloads, on different links."""
-    return term.effect.name == rival.effect.name == "payload"
-
-
-def _turn_alike(candidates: Candidates, term: Term, rival: Term) -> bool:
-    """Whether they are a rotor and the inertia of its link that only spins, which an earlier model had to split blindly."""
-    one_inertia = {term.effect.name, rival.effect.name} == {"link_inertia", "armature"}
-    turn = one_inertia and term.target == rival.target and candidates.earlier_effects is not None
-    return turn and spins(candidates.robot, term.target)
+    return own - cost, moves.score(pool, rest) - cost, {c: score - cost for c, score in scores.items()}
 
 
 def _bases(pool: Pool, term: Term, rest: list[int]) -> list[list[int]]:

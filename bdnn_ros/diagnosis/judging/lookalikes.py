@@ -7,11 +7,11 @@ from typing import Protocol, TypeVar
 
 import numpy as np
 
-from bdnn_ros.diagnosis.search.candidates import ANGLES
+from bdnn_ros.diagnosis.search.candidates import ANGLES, Candidates
 from bdnn_ros.effects.base import Effect
 from bdnn_ros.effects.friction import DryFriction
 from bdnn_ros.robot import Robot
-from bdnn_ros.robot.axes import distances_from_axes, turns_all
+from bdnn_ros.robot.axes import distances_from_axes, spins, turns_all
 
 ON_AXIS = 0.01
 """A weight nearer than this to a joint's axis is hardly moved by that joint [m]."""
@@ -110,3 +110,15 @@ def _hangs_alike(cause: Placed, values: Mapping[str, float], rival: Placed, robo
     centre = np.array([values[name] for name in ("com_x", "com_y", "com_z")])
     between = robot.carries[:, cause.target] != robot.carries[:, rival.target]
     return bool((distances_from_axes(robot, cause.link, centre)[between] < ON_AXIS).all())
+
+
+def hang(term: Placed, rival: Placed) -> bool:
+    """Whether both are payloads, on different links."""
+    return term.effect.name == rival.effect.name == "payload"
+
+
+def turn_alike(candidates: Candidates, term: Placed, rival: Placed) -> bool:
+    """Whether they are a rotor and the inertia of its link that only spins, which an earlier model had to split blindly."""
+    one_inertia = {term.effect.name, rival.effect.name} == {"link_inertia", "armature"}
+    turn = one_inertia and term.target == rival.target and candidates.earlier_effects is not None
+    return turn and spins(candidates.robot, term.target)

@@ -215,7 +215,7 @@ def _linearised(pool: Pool, fit: Fit) -> tuple[np.ndarray, np.ndarray, list[np.n
     precision = np.minimum(fit.precision, pool.precision[index])
     if tangents:
         extra = np.stack(tangents, axis=2)
-        white = np.concatenate([white, pool.equations.whiten(extra, pool.noise)], axis=2)
+        white = np.concatenate([white, pool.equations.whitening.of(extra, pool.noise)], axis=2)
         ranges = [span for c in fit.terms for span in _ranges(pool, pool.terms[c])]
         precision = np.concatenate([precision, 1.0 / np.array(ranges) ** 2])
     return white, precision, spans
@@ -265,7 +265,7 @@ def _ranges(pool: Pool, term: Term) -> list[float]:
 def _clustered(pool: Pool, fit: Fit, white: np.ndarray, covariance: np.ndarray) -> np.ndarray:
     """Covariance of all unknowns (P, P) by the scatter of the blocks' gradients; whitened columns are (R, n, P)."""
     pulls = np.einsum("rjp,rj->rp", white, pool.white_residual(fit))
-    block, blocks = pool.equations.block, pool.equations.blocks
+    block, blocks = pool.equations.rows.block, pool.equations.rows.blocks
     by_block = np.zeros((blocks, pulls.shape[1]))
     np.add.at(by_block, block, pulls)
     by_block -= by_block.mean(axis=0)
@@ -285,4 +285,4 @@ def _tangent(pool: Pool, term: Term, coefficients: np.ndarray, name: str) -> np.
         return term.effect.columns(motion, term.target, moved, term.link) @ coefficients
 
     change = (effort(1.0) - effort(-1.0)) / (2.0 * step)
-    return pool.equations.as_rows(change, borne=not term.effect.at_sensor)
+    return pool.equations.decimation.as_rows(change, borne=not term.effect.at_sensor)

@@ -45,7 +45,7 @@ def _exact(candidates: Candidates, equations: Equations, fitted: Pool) -> Pool:
 
     Shapes of friction at joints that dwell are refined again in the remaining rows.
     """
-    dwelling = equations.usable & equations.dwelling
+    dwelling = equations.usable & equations.rows.dwelling
     equations.use_rows(equations.exact)
     pool = _in_rows_that_count(equations, fitted)
     moved = [

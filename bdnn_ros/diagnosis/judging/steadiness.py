@@ -13,7 +13,8 @@ from bdnn_ros.diagnosis.regression.coloring import LEAST_ROWS, noise_of
 from bdnn_ros.diagnosis.regression.evidence import Pool
 from bdnn_ros.diagnosis.regression.fit import Fit
 from bdnn_ros.diagnosis.regression.term import Term
-from bdnn_ros.diagnosis.search.search import Search, Selection
+from bdnn_ros.diagnosis.search.search import Search
+from bdnn_ros.diagnosis.search.selection import Selection
 from bdnn_ros.effects.environment import ExternalWrench, Push, window
 from bdnn_ros.effects.motion import Motion
 
@@ -68,9 +69,9 @@ def _without(selection: Selection, crowd: Sequence[int]) -> list[int]:
 def _at_quiet_noise(search: Search, selection: Selection) -> Selection | None:
     """The selection at the noise of times without a push; None where too few of them show it at each joint."""
     equations, pool = search.equations, selection.pool
-    counted, time = equations.usable, equations.motion.time[equations.rows]
+    counted, time = equations.usable, equations.rows.time
     equations.use_rows(counted & ~pushing([_longer(term) for term in selection.terms], time)[:, None])
-    told = bool((~counted.any(axis=0) | (equations.full().sum(axis=0) >= LEAST_ROWS)).all())
+    told = bool((~counted.any(axis=0) | (equations.whitening.full().sum(axis=0) >= LEAST_ROWS)).all())
     if told:
         others = [term for term in selection.terms if not term.effect.timed]
         calm = Pool(equations, pool.noise, others, pool.link_error)
@@ -88,14 +89,14 @@ def _single(search: Search, selection: Selection, crowd: Sequence[int]) -> tuple
     That it changes costs as much as another push.
     """
     pool, rest = selection.pool, _without(selection, crowd)
-    fit, costs = pool.fit(rest), 2.0 * search.costs(pool, rest, range(len(pool.terms)))
+    fit, costs = pool.fit(rest), 2.0 * search.moves.costs(pool, rest, range(len(pool.terms)))
     whole = _joined([pool.terms[c] for c in crowd])
     if len(crowd) == 1:
         (one,) = crowd
         gain = (1.0 + BETTER) * pool.gain_of(fit, pool.terms[one])[0]
         if _swelling(pool, fit, pool.terms[one], whole) - costs[one] < gain:
             return None
-    constant = search.score(pool, selection.chosen) - search.score(pool, rest)
+    constant = search.moves.score(pool, selection.chosen) - search.moves.score(pool, rest)
     pool = reshaped(pool, rest, search.candidates.robot)
     pushes = pushes_but(pool, rest, crowd[0])
     gains = dict(zip(pushes, pool.gains(fit, pushes), strict=True))
@@ -127,15 +128,15 @@ def _swelling(pool: Pool, fit: Fit, term: Term, whole: Term) -> float:
     constant, wrench = pool.gain_of(fit, term)
     for _ in range(ROUNDS):
         on = (
-            [equations.pushed(term, moving, effect.displaced(wrench[:3]))]
+            [equations.columns.pushed(term, moving, effect.displaced(wrench[:3]))]
             if isinstance(effect, ExternalWrench)
             else []
         )
-        swelling = [equations.pushed(term, size, mixing @ wrench[:, None]) for size in sizes]
+        swelling = [equations.columns.pushed(term, size, mixing @ wrench[:, None]) for size in sizes]
         gain, found = pool.gain_of(fit, term, np.concatenate([*swelling, *on], axis=2))
         size = found[: len(sizes)] @ sizes
         size /= max(float(size.max()), 1e-12)
-        own = equations.pushed(term, size, mixing)
+        own = equations.columns.pushed(term, size, mixing)
         wrench = pool.gain_of(fit, term, np.concatenate([own, *on], axis=2))[1][: len(wrench)]
     return gain if size.min() > REVERSED else constant
 

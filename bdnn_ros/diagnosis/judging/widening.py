@@ -45,7 +45,7 @@ def _seen(pool: Pool, term: Term) -> np.ndarray:
     equations = pool.equations
     does = np.abs(term.effect.columns(equations.motion, term.target, dict(term.shape), term.link))
     does = does[:, term.target]
-    counted = does[equations.rows][pool.sure[:, term.target]]
+    counted = does[equations.rows.samples][pool.sure[:, term.target]]
     shown = np.quantile(counted, MOST_SEEN, axis=0) if len(counted) else 0.0
     return np.asarray(np.clip(shown / np.maximum(does.max(axis=0), TINY), 0.0, 1.0))
 
@@ -58,10 +58,10 @@ def mirrored(pool: Pool, fit: Fit, term: Term, coefficients: np.ndarray) -> np.n
     if term.effect.on != "base":
         return None
     equations, left, result = pool.equations, pool.white_residual(fit), np.zeros(len(coefficients))
-    as_found = equations.fresh_columns(term) @ coefficients
+    as_found = equations.columns.fresh(term) @ coefficients
     for one, angle in enumerate(coefficients):
         turned = np.where(np.arange(len(coefficients)) == one, -coefficients, coefficients)
         other = term.shaped(term.effect.relinearised(turned, dict(term.shape)))
-        moved = left + equations.whiten(as_found - equations.fresh_columns(other) @ turned, pool.noise)
+        moved = left + equations.whitening.of(as_found - equations.columns.fresh(other) @ turned, pool.noise)
         result[one] = (2.0 * angle) ** 2 * expit(0.5 * float(np.sum(left**2) - np.sum(moved**2)))
     return result

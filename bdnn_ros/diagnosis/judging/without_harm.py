@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from copy import copy
 from dataclasses import replace
-
-import numpy as np
 
 from bdnn_ros.diagnosis.judging.attempt import Attempt
 from bdnn_ros.diagnosis.judging.posterior import Estimate
@@ -34,23 +31,14 @@ def without_harm(
         equations.use_rows(counted)
         pool = Pool(equations, pool.noise, [], pool.link_error)
     if _worse(equations, attempt):
-        pool = still(pool)
-        attempt = replace(attempt, fitted=still(attempt.fitted), extended=equations.target.copy())
+        pool = pool.still()
+        attempt = replace(attempt, fitted=attempt.fitted.still(), extended=equations.rows.target.copy())
     return attempt, pool, []
-
-
-def still(pool: Pool) -> Pool:
-    """A pool whose fit is zero: as if the reference had predicted all that was measured."""
-    other = copy(pool)
-    other.moment = np.zeros_like(pool.moment)
-    other._fits, other._held_out, other._tall = {}, {}, None
-    other.__dict__.pop("total", None)
-    return other
 
 
 def _worse(equations: Equations, attempt: Attempt) -> bool:
     """Whether the error of held-out rows surely grows."""
-    pushed = pushing(attempt.fitted.terms, equations.motion.time[equations.rows])
+    pushed = pushing(attempt.fitted.terms, equations.rows.time)
     _, (_, most) = held_out_gain(
         equations, attempt.extended, equations.usable & attempt.test[:, None], pushed
     )

@@ -77,16 +77,20 @@ class _Here:
         effect, shape = term.effect, dict(term.shape)
         assert isinstance(effect, Push)
         acting = window(pool.equations.motion, shape)
-        columns = pool.equations.pushed(term, acting, effect.mixing(shape))
+        columns = pool.equations.columns.pushed(term, acting, effect.mixing(shape))
         return cls(term, effect, acting, columns, *pool.gain_of(fit, term, columns))
 
     def steps(self, pool: Pool, fit: Fit, robot: Robot) -> dict[str, float]:
         """Gauss-Newton step of its times [s], and of its point [m] if that is none of the usual ones."""
         equations, shape, own = pool.equations, dict(self.term.shape), self.columns
         whole, names = self.effect.mixing(shape) @ self.coefficients[:, None], list(EDGES)
-        columns = [equations.pushed(self.term, rate, whole) for rate in edge_rates(equations.motion, shape).T]
+        columns = [
+            equations.columns.pushed(self.term, rate, whole) for rate in edge_rates(equations.motion, shape).T
+        ]
         if isinstance(self.effect, ExternalWrench) and distance(self.term, robot) > 0.0:
-            arms = equations.pushed(self.term, self.acting, self.effect.displaced(self.coefficients[:3]))
+            arms = equations.columns.pushed(
+                self.term, self.acting, self.effect.displaced(self.coefficients[:3])
+            )
             columns, own, names = [*columns, arms], own[..., :3], [*EDGES, *POINT]
         found = pool.gain_of(fit, self.term, np.concatenate([*columns, own], axis=2))[1]
         found[: len(EDGES)] = np.clip(found[: len(EDGES)], -LARGEST_TIME_STEP, LARGEST_TIME_STEP)

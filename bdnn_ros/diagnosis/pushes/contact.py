@@ -87,9 +87,9 @@ class _Pull:
         arms = np.stack([effect.displaced(force) for force in np.eye(3)], axis=2)
         mixing = np.concatenate([origin[:, None], arms], axis=1)
         acting = window(equations.motion, shape)
-        columns = equations.pushed(term, acting, mixing.reshape(len(mixing), 12))
+        columns = equations.columns.pushed(term, acting, mixing.reshape(len(mixing), 12))
         (schur,), (left,) = pool.beside(fit, columns[:, :, None])
-        own = equations.pushed(term, acting, effect.mixing(shape))
+        own = equations.columns.pushed(term, acting, effect.mixing(shape))
         prior = 1.0 / equations.spread(term, own)[:3] ** 2
         return cls(schur.reshape(4, 3, 4, 3), left.reshape(4, 3), prior)
 

@@ -177,7 +177,7 @@ def leftover(pool: Pool, chosen: Sequence[int], one: int) -> bool:
     if end - start < RESOLVED / pool.equations.motion.signals.cutoff:
         return True
     others = [c for c in chosen if c != one]
-    motion, rows = pool.equations.motion, pool.equations.rows
+    motion, rows = pool.equations.motion, pool.equations.rows.samples
     creeping = np.abs(motion.velocity[rows]) < CREEPING * motion.usual_velocity
     if _mostly(creeping, pool, chosen, others):
         return True
@@ -213,7 +213,8 @@ def pushing(terms: Sequence[Term], time: np.ndarray) -> np.ndarray:
 
 def at_an_end(pool: Pool, chosen: Sequence[int], one: int) -> bool:
     """Whether a push explains most at a recording's ends, where a filter may have produced it."""
-    time, ends = pool.equations.motion.time[pool.equations.rows], np.zeros(len(pool.equations.rows), bool)
+    time = pool.equations.rows.time
+    ends = np.zeros(len(time), bool)
     for first, last in stretches(time, pool.equations.motion.signals.begun):
         ends |= ((time >= first) & (time < first + ENDS)) | ((time > last - ENDS) & (time <= last))
     return pool.terms[one].effect.timed and _mostly(ends, pool, chosen, [c for c in chosen if c != one])
@@ -228,7 +229,7 @@ def throughout(pool: Pool, chosen: Sequence[int], one: int) -> bool:
         return False
     joint = int(np.argmax(_better(pool, chosen, [c for c in chosen if c != one]).sum(axis=0)))
     start, end = edges(pool.terms[one])
-    time = pool.equations.motion.time[pool.equations.rows][pool.sure[:, joint]]
+    time = pool.equations.rows.time[pool.sure[:, joint]]
     return bool(np.mean((time >= start) & (time <= end)) > LONGEST_SHARE)
 
 
@@ -249,16 +250,16 @@ def _crossed(pool: Pool, chosen: Sequence[int], gap: int, push: Term) -> bool:
     effect, equations = pool.terms[gap].effect, pool.equations
     if effect.timed or not effect.brief or end - start > CROSSING:
         return False
-    time = equations.motion.time[equations.rows]
-    part = equations.columns(pool.terms[gap]) @ pool.coefficients(pool.fit(chosen), gap)
+    time = equations.rows.time
+    part = equations.columns.of(pool.terms[gap]) @ pool.coefficients(pool.fit(chosen), gap)
     return bool(acting(part)[(time >= start) & (time <= end)].any())
 
 
 def unseen(pool: Pool, term: Term) -> dict[str, float]:
     """Duration about each of a push's times without usable rows, within which the time is undetermined [s]."""
     equations = pool.equations
-    time = equations.motion.time[equations.rows]
-    joints = np.any(equations.columns(term), axis=(0, 2))
+    time = equations.rows.time
+    joints = np.any(equations.columns.of(term), axis=(0, 2))
     counts = time[pool.sure[:, joints].any(axis=1)]
     gaps = np.diff(counts)
     long = gaps > LONG * float(np.median(np.diff(time)))

@@ -23,7 +23,7 @@ LONGEST_SHARE = 0.9
 def best_window(pool: Pool, fit: Fit, term: Term) -> Term:
     """A push with the window that adds most evidence to a fit."""
     equations, where = pool.equations, dict(term.shape)
-    time = equations.motion.time[equations.rows]
+    time = equations.rows.time
     sums = _Sums.of(pool, fit, term)
     step = max(round(COARSE / max(float(np.median(np.diff(time))), 1e-6)), 1)
     marks = np.unique([*range(0, len(time), step), len(time)])
@@ -63,9 +63,11 @@ class _Sums:
         """Sums for a push that acts all the time."""
         effect, motion = term.effect, pool.equations.motion
         assert isinstance(effect, Push)
-        columns = pool.equations.pushed(term, np.ones(len(motion.time)), effect.mixing(dict(term.shape)))
+        columns = pool.equations.columns.pushed(
+            term, np.ones(len(motion.time)), effect.mixing(dict(term.shape))
+        )
         joints = np.flatnonzero(np.any(columns, axis=(0, 2)))
-        white = pool.equations.whiten(columns[:, joints], pool.noise, joints)
+        white = pool.equations.whitening.of(columns[:, joints], pool.noise, joints)
         known, left = pool.known(fit, joints)
         return cls(
             _running(np.einsum("rjk,rjl->rkl", white, white)),

@@ -13,6 +13,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from bdnn_ros.bdnn.rest import RestNetwork
+from bdnn_ros.diagnosis.regression.known import Known
 from bdnn_ros.diagnosis.regression.load_friction import LoadFriction
 from bdnn_ros.diagnosis.regression.unsure import Unsure
 from bdnn_ros.effects.actuation import EffortOffset
@@ -124,7 +125,12 @@ class Compared:
         return dry
 
     @property
-    def by_load(self) -> LoadFriction:
+    def of_model(self) -> Known:
+        """What a regression takes from the model beside its robot and its effort."""
+        return Known(self.left_open, self._by_load, self.unloaded, self.unsure, self.lead)
+
+    @property
+    def _by_load(self) -> LoadFriction:
         """Load-dependent friction of the model."""
         ratios = np.zeros(self.robot.width)
         for one in self.held:

@@ -1,7 +1,7 @@
 """Efforts that are measured late: behind a low-pass of sensor or driver, or stamped after the positions.
 
 An effort that acts later than it is measured is a cause, `effort_delay`. One measured later than it acts is not, and a lag of
-some milliseconds is a nuisance of the regression (`Equations.nuisances`); a longer one would pass for friction.
+some milliseconds is a nuisance of the regression (`Nuisances`); a longer one would pass for friction.
 """
 
 from __future__ import annotations

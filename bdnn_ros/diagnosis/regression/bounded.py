@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.linalg import LinAlgError
-from scipy.linalg import cho_solve, solve_triangular
+from scipy.linalg import cho_factor, cho_solve, solve_triangular
 from scipy.optimize import lsq_linear
 
 EXACT = 1e-12
@@ -36,6 +36,21 @@ def factored(a: np.ndarray) -> np.ndarray:
         return np.asarray(np.linalg.cholesky(a))
     except LinAlgError:
         return np.asarray(np.linalg.cholesky(firm(a)))
+
+
+def explained(gram: np.ndarray, moment: np.ndarray, precision: np.ndarray, power: float) -> float:
+    """Log likelihood of the best unbounded coefficients, up to a constant; infinite where columns are too collinear.
+
+    Args:
+        gram, moment: of P columns, (P, P) and (P,).
+        precision: of the coefficients' prior, (P,).
+        power: sum of the target's squares.
+    """
+    try:
+        factor = cho_factor(gram + np.diag(precision), lower=True)
+    except LinAlgError:
+        return np.inf
+    return float(0.5 * (moment @ cho_solve(factor, moment) - power))
 
 
 def raised(a: np.ndarray, prior: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

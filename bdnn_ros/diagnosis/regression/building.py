@@ -7,14 +7,16 @@ from dataclasses import replace
 import numpy as np
 from scipy.ndimage import binary_opening, maximum_filter1d
 
+from bdnn_ros.diagnosis.regression.decimation import Decimation
 from bdnn_ros.diagnosis.regression.equations import Equations
-from bdnn_ros.diagnosis.regression.learned import Learned
-from bdnn_ros.diagnosis.regression.load_friction import LoadFriction, body_effort
+from bdnn_ros.diagnosis.regression.errors import Errors
+from bdnn_ros.diagnosis.regression.joint_errors import JointErrors
+from bdnn_ros.diagnosis.regression.known import Known
+from bdnn_ros.diagnosis.regression.load_friction import body_effort
 from bdnn_ros.diagnosis.regression.noise import moving_time
-from bdnn_ros.diagnosis.regression.unsure import Unsure
+from bdnn_ros.diagnosis.regression.rows import Rows
 from bdnn_ros.effects.motion import Motion
 from bdnn_ros.errors import RecordingError
-from bdnn_ros.physical.left_open import LeftOpen
 from bdnn_ros.physical.links import relative_inertials
 from bdnn_ros.physical.parameters import PER_JOINT
 from bdnn_ros.recording import further
@@ -47,11 +49,8 @@ def build(
     signals: Signals,
     robot: Robot,
     simulated: np.ndarray | None = None,
-    left_open: LeftOpen | None = None,
+    known: Known | None = None,
     tilt: tuple[float, float] | None = None,
-    grows: LoadFriction | None = None,
-    unloaded: Robot | None = None,
-    unsure: Unsure | None = None,
 ) -> Equations:
     """Build the regression of a motion against a robot's simulation.
 
@@ -59,49 +58,44 @@ def build(
         signals: motion with effort, joints in the robot's order.
         robot: as the simulation has it.
         simulated: the effort the simulation predicts, (N, n) [N·m]; None for the robot's own.
-        left_open: covariance of identified inertial parameters, `COMMON` and joint residuals; None for a description.
+        known: of an earlier model in the simulation's place; None for a description.
         tilt: roll and pitch of the base beyond the description [rad], at which errors of the bodies are weighed; None for
             none.
-        grows: load-dependent friction that the simulation has.
-        unloaded: the robot without loads found on it, to which relative link errors refer; None for the robot itself.
-        unsure: errors of joint effects that an earlier diagnosis found.
 
     Raises:
         RecordingError: no joint moves, or no effort.
     """
     if signals.effort is None:
         raise RecordingError("The recording carries no effort.", "Record one, or use --effort command.")
+    known = known or Known()
     resting = _resting(signals)
-    rows, runs = _rows(signals)
     drive = robot.drive_effort(signals.velocity, signals.acceleration, signals.sign)
     simulated = described_effort(robot, signals) if simulated is None else simulated
-    simulated, passing = (grows or LoadFriction()).applied(signals, robot, simulated)
+    simulated, passing = known.by_load.applied(signals, robot, simulated)
+    rows = _rows(signals, simulated, resting)
     motion = _standing(Motion(signals, robot, simulated, drive), tilt)
     load = None if passing is None else body_effort(signals, robot, simulated, passing)
-    relative, jointwise, learned = _errors(unloaded or robot, left_open, load)
-    masses = (np.arange(relative.shape[1]) % PER_LINK == 0) & (left_open is None)
-    more = (0, 0 if unsure is None else len(unsure.covariance))
-    usable = _usable(signals, resting, rows)
-    spread, size = _usual(signals.smooth(signals.effort)[rows])
-    return Equations(
-        motion,
-        simulated,
-        drive,
-        rows,
-        target=signals.smooth(signals.effort - simulated)[rows],
+    decimation = Decimation(motion, rows.samples, passing, known.lead)
+    return Equations(rows, decimation, _errors(known.unloaded or robot, known, load))
+
+
+def _rows(signals: Signals, simulated: np.ndarray, resting: np.ndarray) -> Rows:
+    """The rows of a motion, given the simulation's effort (N, n) [N·m] and the samples at which joints rest, (N, n) bool."""
+    assert signals.effort is not None
+    samples, runs = _samples(signals)
+    usable = _usable(signals, resting, samples)
+    scale, size = _usual(signals.smooth(signals.effort)[samples])
+    return Rows(
+        samples,
+        signals.time[samples],
+        target=signals.smooth(signals.effort - simulated)[samples],
         usable=usable,
-        sticking_doubt=sticking_doubt_of(signals)[rows],
-        dwelling=near_creeping(signals, DWELLING_WIDTHS)[rows],
-        block=_blocks(usable, signals.time[rows]),
+        sticking_doubt=sticking_doubt_of(signals)[samples],
+        dwelling=near_creeping(signals, DWELLING_WIDTHS)[samples],
+        block=_blocks(usable, signals.time[samples]),
         runs=runs,
-        relative=np.pad(relative, ((0, 0), more)),
-        masses=np.pad(masses, more),
-        effort_scale=spread,
+        effort_scale=scale,
         effort_size=size,
-        jointwise=jointwise,
-        learned=learned,
-        load_friction_factor=passing,
-        unsure=unsure,
     )
 
 
@@ -133,7 +127,7 @@ def _resting(signals: Signals) -> np.ndarray:
     return np.asarray(resting)
 
 
-def _rows(signals: Signals) -> tuple[np.ndarray, list[slice]]:
+def _samples(signals: Signals) -> tuple[np.ndarray, list[slice]]:
     """Samples that are rows, (R,), and the rows of each gap-free piece."""
     step = max(round(signals.rate / (ROWS_PER_CUTOFF * signals.cutoff)), 1)
     rows = np.concatenate([np.arange(s.start, s.stop, step) for s in signals.segments])
@@ -161,18 +155,25 @@ def _usable(signals: Signals, resting: np.ndarray, rows: np.ndarray) -> np.ndarr
     return np.asarray(usable)
 
 
-def _errors(
-    robot: Robot, left_open: LeftOpen | None, load: np.ndarray | None
-) -> tuple[np.ndarray, np.ndarray | None, Learned | None]:
-    """Maps from independent errors to parameters of links and, where identified, of joints; see `Equations`."""
+def _errors(robot: Robot, known: Known, load: np.ndarray | None) -> Errors:
+    """Independent errors of a robot's links and, where they are known to be open, of its joints.
+
+    Args:
+        load: see `JointErrors`.
+    """
+    left_open, joints = known.left_open, None
     if left_open is None:
-        return relative_inertials(robot), None, None
-    links = robot.width * PER_LINK
-    base = links + robot.width * PER_JOINT
-    relative, jointwise, weights = np.split(identified(left_open.covariance), [links, base])
-    # identified offsets add to the measured effort, the contract's to what acts
-    jointwise[-robot.width :] *= -1.0
-    return relative, jointwise, Learned(left_open, weights, load)
+        relative = relative_inertials(robot)
+    else:
+        links = robot.width * PER_LINK
+        base = links + robot.width * PER_JOINT
+        relative, of_joints, weights = np.split(identified(left_open.covariance), [links, base])
+        # identified offsets add to the measured effort, the contract's to what acts
+        of_joints[-robot.width :] *= -1.0
+        joints = JointErrors(left_open, of_joints, weights, load)
+    masses = (np.arange(relative.shape[1]) % PER_LINK == 0) & (left_open is None)
+    more = (0, 0 if known.unsure is None else len(known.unsure.covariance))
+    return Errors(np.pad(relative, ((0, 0), more)), np.pad(masses, more), joints, known.unsure)
 
 
 def _blocks(usable: np.ndarray, time: np.ndarray) -> np.ndarray:

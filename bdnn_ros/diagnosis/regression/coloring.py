@@ -15,8 +15,8 @@ LEAST_ROWS = 10 * ORDER
 
 def white_noise_of(equations: Equations, residual: np.ndarray, floor: np.ndarray) -> Noise:
     """White noise model of a residual (R, n), each row independent."""
-    std = np.array([rms(residual[equations.usable[:, j], j]) for j in range(equations.width)])
-    return Noise(np.zeros((equations.width, ORDER)), np.maximum(std, floor))
+    std = np.array([rms(residual[equations.usable[:, j], j]) for j in range(equations.rows.width)])
+    return Noise(np.zeros((equations.rows.width, ORDER)), np.maximum(std, floor))
 
 
 def noise_of(equations: Equations, residual: np.ndarray, floor: np.ndarray, steady: bool = False) -> Noise:
@@ -27,20 +27,20 @@ def noise_of(equations: Equations, residual: np.ndarray, floor: np.ndarray, stea
     if steady:
         residual = without_trends(equations, residual)
     coefficients, full, doubt = (
-        np.zeros((equations.width, ORDER)),
-        equations.full(),
-        equations.recent_sticking_doubt(),
+        np.zeros((equations.rows.width, ORDER)),
+        equations.whitening.full(),
+        equations.whitening.recent_sticking_doubt(),
     )
-    for j in range(equations.width):
+    for j in range(equations.rows.width):
         rows = np.flatnonzero(_steady(doubt[:, j], full[:, j]))
         if len(rows) >= LEAST_ROWS:
             y = residual[rows, j]
             x = np.stack([residual[rows - lag, j] for lag in range(1, ORDER + 1)], axis=1)
             ridge = 1e-3 * float(np.sum(y**2)) + 1e-18
             coefficients[j] = stable(np.linalg.solve(x.T @ x + ridge * np.eye(ORDER), x.T @ y))
-    white = equations.whiten(residual, Noise(coefficients, np.ones(equations.width)))
-    std, slip = np.empty(equations.width), np.empty(equations.width)
-    for j in range(equations.width):
+    white = equations.whitening.of(residual, Noise(coefficients, np.ones(equations.rows.width)))
+    std, slip = np.empty(equations.rows.width), np.empty(equations.rows.width)
+    for j in range(equations.rows.width):
         moving = _steady(doubt[:, j], equations.usable[:, j])
         rest = equations.usable[:, j] & ~moving
         std[j] = max(rms(white[moving, j]), floor[j])
@@ -51,8 +51,8 @@ def noise_of(equations: Equations, residual: np.ndarray, floor: np.ndarray, stea
 def without_trends(equations: Equations, values: np.ndarray) -> np.ndarray:
     """Values (R, n) without the straight line through each block."""
     result = values.astype(float).copy()
-    for b in range(equations.blocks):
-        rows = np.flatnonzero(equations.block == b)
+    for b in range(equations.rows.blocks):
+        rows = np.flatnonzero(equations.rows.block == b)
         if len(rows) > 4:
             slope = np.linspace(-1.0, 1.0, len(rows))
             result[rows] -= values[rows].mean(axis=0)

@@ -13,12 +13,12 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-from numpy.linalg import LinAlgError
-from scipy.linalg import cho_factor, cho_solve, solve_triangular
+from scipy.linalg import cho_solve, solve_triangular
 
 from bdnn_ros.diagnosis.regression.bounded import (
     EXACT,
     by_block,
+    explained,
     factored,
     gains_of,
     held,
@@ -27,10 +27,11 @@ from bdnn_ros.diagnosis.regression.bounded import (
     outside,
     pieces,
 )
-from bdnn_ros.diagnosis.regression.equations import BLURS, Equations
+from bdnn_ros.diagnosis.regression.equations import Equations
 from bdnn_ros.diagnosis.regression.fit import Fit
 from bdnn_ros.diagnosis.regression.noise import Noise
-from bdnn_ros.diagnosis.regression.term import Term
+from bdnn_ros.diagnosis.regression.nuisances import BLURS
+from bdnn_ros.diagnosis.regression.term import Term, kinds_of
 
 
 class Pool:
@@ -40,71 +41,75 @@ class Pool:
         equations: the regression.
         noise: its noise model.
         terms: the candidates, each with a shape.
-        link_error: prior standard deviation of the links' relative errors; see `Equations.link_spread`.
+        link_error: prior standard deviation of the links' relative errors; see `Errors.spread`.
     """
 
     def __init__(self, equations: Equations, noise: Noise, terms: Sequence[Term], link_error: float) -> None:
         self.equations, self.noise, self.terms = equations, noise, list(terms)
         self.link_error = link_error
-        columns = [equations.columns(term) for term in self.terms]
-        nuisance = equations.nuisances
+        columns = [equations.columns.of(term) for term in self.terms]
+        nuisance = equations.nuisances.along(equations.motion)
         self.base = equations.rigid.shape[2] + nuisance.shape[2]
         sizes = [c.shape[2] for c in columns]
         starts = self.base + np.cumsum([0, *sizes])
         self.slots = [np.arange(a, b) for a, b in zip(starts[:-1], starts[1:], strict=True)]
-        spread = [equations.link_spread(link_error), equations.nuisance_spread]
+        spread = [
+            equations.errors.spread(link_error),
+            equations.nuisances.spread(equations.rows.effort_scale),
+        ]
         spread += [equations.spread(t, c) for t, c in zip(self.terms, columns, strict=True)]
         self.precision = 1.0 / np.concatenate(spread) ** 2
         free = np.tile([-np.inf, np.inf], (self.base, 1))
         self.lower, self.upper = np.vstack([free, *(t.effect.coefficient_bounds for t in self.terms)]).T
-        own = [term.kinds for term in self.terms]
-        self.kinds_of_each = [len(kinds) for kinds in own]
-        most = max(self.kinds_of_each, default=1)
-        kinds = (np.broadcast_to(kinds, (most, kinds.shape[1])) for kinds in own)
-        self.kinds = np.concatenate([np.ones((most, self.base)), *kinds], axis=1)  # all are of one kind
-        self.white = equations.whiten(np.concatenate([equations.rigid, nuisance, *columns], axis=2), noise)
-        self.white_target = equations.whiten(equations.target, noise)
-        self.gram, self.moment, self.power = by_block(self.white, self.white_target, equations.block)
+        self.kinds, self.kinds_of_each = kinds_of(self.terms, self.base)
+        self.white = equations.whitening.of(
+            np.concatenate([equations.rigid, nuisance, *columns], axis=2), noise
+        )
+        self.white_target = equations.whitening.of(equations.rows.target, noise)
+        self.gram, self.moment, self.power = by_block(self.white, self.white_target, equations.rows.block)
         for term, slot in zip(self.terms, self.slots, strict=True):
             self.moment[:, slot] -= equations.noise_gain(term, len(slot))
         self._fits: dict[tuple[int, ...], Fit] = {}
         self._held_out: dict[tuple[int, ...], np.ndarray] = {}
         self._tall: tuple[tuple[object, ...], tuple[np.ndarray, np.ndarray]] | None = None
-        history = equations.history(noise.order)
-        stds = noise.of(equations.recent_sticking_doubt(noise.order), np.maximum(history, 0))
-        self._scale = float(np.sum((history >= 0) * np.log(stds)))
+        self._scale = equations.whitening.log_scale(noise)
+
+    def _changed(self, **parts: object) -> Pool:
+        """The pool with some of its parts changed, and nothing cached of the old ones."""
+        other = copy(self)
+        other.__dict__.update(parts, _fits={}, _held_out={}, _tall=None)
+        other.__dict__.pop("total", None)
+        return other
 
     def with_link_error(self, link_error: float) -> Pool:
         """The pool with another prior standard deviation of the links' errors."""
-        other = copy(self)
-        other._fits, other._held_out = {}, {}
-        other.link_error = link_error
-        spread = self.equations.link_spread(link_error)
-        other.precision = np.concatenate([spread**-2.0, self.precision[len(spread) :]])
-        return other
+        spread = self.equations.errors.spread(link_error)
+        precision = np.concatenate([spread**-2.0, self.precision[len(spread) :]])
+        return self._changed(link_error=link_error, precision=precision)
+
+    def still(self) -> Pool:
+        """The pool whose fits are zero: as if the reference had predicted all that was measured."""
+        return self._changed(moment=np.zeros_like(self.moment))
 
     def replacing(self, found: Mapping[int, Term], columns: np.ndarray | None = None) -> Pool:
         """The pool with new shapes of some terms; for a single term, optionally with given columns, rows (R, n, k)."""
         if not found:
             return self
-        other = copy(self)
-        other._fits, other._held_out, other._tall = {}, {}, None
-        other.terms, other.precision, other.white = list(self.terms), self.precision.copy(), self.white.copy()
+        kept = {name: getattr(self, name).copy() for name in ("precision", "white", "gram", "moment")}
+        other = self._changed(terms=list(self.terms), **kept)
         for one, term in found.items():
-            made, own = self.equations.columns(term) if columns is None else columns, self.slots[one]
+            made, own = self.equations.columns.of(term) if columns is None else columns, self.slots[one]
             other.terms[one] = term
             other.precision[own] = self.equations.spread(term, made) ** -2.0
-            other.white[:, :, own] = self.equations.whiten(made, self.noise)
+            other.white[:, :, own] = self.equations.whitening.of(made, self.noise)
         slot = np.concatenate([self.slots[one] for one in found])
-        other.gram, other.moment = self.gram.copy(), self.moment.copy()
-        for b, rows in enumerate(pieces(self.equations.block)):
+        for b, rows in enumerate(pieces(self.equations.rows.block)):
             new = other.white[rows][:, :, slot].reshape(-1, len(slot))
             cross = other.white[rows].reshape(-1, other.white.shape[2]).T @ new
             other.gram[b][:, slot], other.gram[b][slot] = cross, cross.T
             other.moment[b][slot] = new.T @ self.white_target[rows].ravel()
         for one, term in found.items():
             other.moment[:, self.slots[one]] -= self.equations.noise_gain(term, len(self.slots[one]))
-        other.__dict__.pop("total", None)
         return other
 
     @cached_property
@@ -115,7 +120,7 @@ class Pool:
     @property
     def sure(self) -> np.ndarray:
         """Usable rows in which possible sticking adds less than the other noise, (R, n) bool."""
-        return self.equations.usable & self.noise.sure(self.equations.sticking_doubt)
+        return self.equations.usable & self.noise.sure(self.equations.rows.sticking_doubt)
 
     @property
     def whole(self) -> Fit:
@@ -173,12 +178,8 @@ class Pool:
         """
         gram, moment, power = self.total
         index = self.columns_of(candidates)
-        try:
-            least = self.precision[index] * self.kinds[:, index].min(axis=0)
-            factor = cho_factor(gram[np.ix_(index, index)] + np.diag(least), lower=True)
-        except LinAlgError:
-            return np.inf
-        return float(0.5 * (moment[index] @ cho_solve(factor, moment[index]) - power) - self._scale)
+        least = self.precision[index] * self.kinds[:, index].min(axis=0)
+        return explained(gram[np.ix_(index, index)], moment[index], least, power) - self._scale
 
     def columns_of(self, chosen: Sequence[int]) -> np.ndarray:
         """Column indices of links, nuisances and some terms."""
@@ -211,13 +212,13 @@ class Pool:
         Args:
             columns: rows (R, n, k) in place of the term's own, unbounded if k differs; None makes its own, not cached.
         """
-        columns = self.equations.fresh_columns(term) if columns is None else columns
+        columns = self.equations.columns.fresh(term) if columns is None else columns
         gains, best = self._each(fit, [term], columns[:, :, None])
         return float(gains[0]), best[0]
 
     def gains_of_shapes(self, fit: Fit, tried: Sequence[Term]) -> np.ndarray:
         """Log evidence that each of c shapes of a term outside the pool would add to a fit, (c,)."""
-        return self._each(fit, tried, np.stack([self.equations.columns(one) for one in tried], axis=2))[0]
+        return self._each(fit, tried, np.stack([self.equations.columns.of(one) for one in tried], axis=2))[0]
 
     def _each(self, fit: Fit, terms: Sequence[Term], columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """As `gain_of` for c terms of one effect with columns (R, n, c, k): log evidence (c,) and coefficients (c, k)."""
@@ -236,7 +237,7 @@ class Pool:
         acting = np.any(columns, axis=(2, 3))
         joints, when = np.flatnonzero(acting.any(axis=0)), np.flatnonzero(acting.any(axis=1))
         rows = slice(when[0], when[-1] + 1 + self.noise.order) if len(when) else slice(0)
-        white = self.equations.whiten(columns[rows][:, joints], self.noise, joints, rows)
+        white = self.equations.whitening.of(columns[rows][:, joints], self.noise, joints, rows)
         each = columns.shape[2:]
         known, beyond = (of_fit[rows] for of_fit in self.known(fit, joints))
         tall = white.reshape(-1, each[0] * each[1])
@@ -272,14 +273,14 @@ class Pool:
 
     def residual(self, fit: Fit, blur: bool = True) -> np.ndarray:
         """Residual of a fit, not whitened, rows (R, n) [N·m]; `blur` as of `contribution`."""
-        return self.equations.target - self.contribution(fit, blur)
+        return self.equations.rows.target - self.contribution(fit, blur)
 
     def white_residual(self, fit: Fit) -> np.ndarray:
         """Whitened residual of a fit, rows (R, n)."""
         return np.asarray(self.white_target - self.white[:, :, self.columns_of(fit.terms)] @ fit.coefficients)
 
     def nuisances(self, fit: Fit) -> np.ndarray:
-        """Coefficients of `Equations.nuisances` in a fit, (K,)."""
+        """Coefficients of the nuisances in a fit, (K,)."""
         return np.asarray(fit.coefficients[self.equations.rigid.shape[2] : self.base])
 
     def contribution(self, fit: Fit, blur: bool = True) -> np.ndarray:
@@ -291,11 +292,10 @@ class Pool:
         equations = self.equations
         nuisances = self.nuisances(fit).copy()
         nuisances[BLURS] *= blur
-        total = (
-            equations.rigid @ fit.coefficients[: equations.rigid.shape[2]] + equations.nuisances @ nuisances
-        )
+        total = equations.rigid @ fit.coefficients[: equations.rigid.shape[2]]
+        total += equations.nuisances.along(equations.motion) @ nuisances
         for chosen, coefficients in zip(fit.terms, self.each(fit), strict=True):
-            total += equations.columns(self.terms[chosen]) @ coefficients
+            total += equations.columns.of(self.terms[chosen]) @ coefficients
         return np.asarray(total)
 
     def part(self, fit: Fit, chosen: int) -> tuple[np.ndarray, np.ndarray]:

@@ -54,7 +54,7 @@ def removed(
     """
     left, result = fitted.residual_of_all(), []
     for chosen, term in enumerate(fitted.terms):
-        part = equations.columns(term) @ fitted.coefficients(fitted.whole, chosen)
+        part = equations.columns.of(term) @ fitted.coefficients(fitted.whole, chosen)
         result.append(
             tuple(_removal(equations, term.effect, left, part, extended, rows) for rows in stretches)
         )
@@ -78,7 +78,7 @@ def _removal(
     brief = effect.brief and (not effect.timed or float(np.mean(part.any(axis=1))) < LASTING)
     return Removal(
         less,
-        noticeable(brief, then, rms(extended, where), equations.effort_scale),
+        noticeable(brief, then, rms(extended, where), equations.rows.effort_scale),
         float(np.sum(part[rows & moments] ** 2)) > PASSING * float(np.sum(part[moments] ** 2)),
         brief,
     )
@@ -93,7 +93,7 @@ def share_of(part: np.ndarray, left: np.ndarray, before: np.ndarray, rows: np.nd
 def by_links(equations: Equations, fitted: Pool, rows: np.ndarray) -> float:
     """Share of the simulation's squared error in some rows (R, n) that the link corrections remove."""
     part = equations.rigid @ fitted.whole.coefficients[: equations.rigid.shape[2]]
-    return share_of(part, fitted.residual_of_all(), equations.target, rows)
+    return share_of(part, fitted.residual_of_all(), equations.rows.target, rows)
 
 
 def squares(mean: np.ndarray, rows: np.ndarray) -> float:
@@ -139,7 +139,7 @@ def held_out_gain(
         pushed: rows at which something pushes, (R,) bool; None for none.
         before: reference error in place of the simulation's, (R, n) [N·m].
     """
-    before = equations.target if before is None else before
+    before = equations.rows.target if before is None else before
     squared = np.stack([extended**2, before**2], axis=-1)
     pushed = np.zeros(len(held), bool) if pushed is None else pushed
     total, sums = np.zeros(2), np.zeros((RESAMPLES, 2))
@@ -147,7 +147,7 @@ def held_out_gain(
         for rows in (np.flatnonzero(own & pushed), np.flatnonzero(own & ~pushed)):
             if len(rows):
                 total += squared[rows, joint].sum(axis=0)
-                sums += _drawn(squared[rows, joint], equations.block[rows])
+                sums += _drawn(squared[rows, joint], equations.rows.block[rows])
     gains = 1.0 - np.sqrt(sums[:, 0] / np.maximum(sums[:, 1], 1e-30))
     low, high = np.quantile(gains, [0.025, 0.975])
     return float(1.0 - np.sqrt(total[0] / max(total[1], 1e-30))), (float(low), float(high))

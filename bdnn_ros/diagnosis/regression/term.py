@@ -82,6 +82,19 @@ class Term:
         return Term(plain, self.target).shaped(plain.shapes(motion, self.target)[0])
 
 
+def kinds_of(terms: Sequence[Term], base: int) -> tuple[np.ndarray, list[int]]:
+    """Relative prior precisions by kind of some terms' coefficients, (m, base + K), and how many kinds each term has.
+
+    Args:
+        base: number of coefficients before theirs, which have one kind only, as have terms of fewer kinds than others.
+    """
+    own = [term.kinds for term in terms]
+    counts = [len(kinds) for kinds in own]
+    most = max(counts, default=1)
+    each = (np.broadcast_to(kinds, (most, kinds.shape[1])) for kinds in own)
+    return np.concatenate([np.ones((most, base)), *each], axis=1), counts
+
+
 def new_shapes(terms: Sequence[Term], before: Sequence[Term]) -> dict[int, Shape]:
     """Index and shape of terms whose shape differs from before."""
     pairs = enumerate(zip(terms, before, strict=True))

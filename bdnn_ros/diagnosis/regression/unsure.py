@@ -5,15 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from bdnn_ros.diagnosis.regression.columns import Columns
 from bdnn_ros.diagnosis.regression.term import Term
 from bdnn_ros.effects.registry import get
-
-if TYPE_CHECKING:
-    from bdnn_ros.diagnosis.regression.equations import Equations
 
 ERROR_FACTOR = 2.0
 """Factor on the estimated standard deviations of what was found."""
@@ -47,9 +45,9 @@ class Unsure:
         variances, directions = np.linalg.eigh(0.5 * (self.covariance + self.covariance.T))
         return np.asarray(ERROR_FACTOR * directions * np.sqrt(np.maximum(variances, 0.0)))
 
-    def columns(self, equations: Equations) -> np.ndarray:
+    def columns(self, columns: Columns) -> np.ndarray:
         """Effort per unit of each error, rows (R, n, K) [N·m]."""
-        each = [equations.columns(term) for term in self.terms]
+        each = [columns.of(term) for term in self.terms]
         return np.asarray(np.concatenate(each, axis=2) @ self.errors)
 
     def moved(self, errors: np.ndarray) -> list[np.ndarray]:

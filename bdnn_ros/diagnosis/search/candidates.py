@@ -72,7 +72,7 @@ class Candidates:
         """
         motion = equations.motion
         every = cls.of(motion.robot, bodies=equations.alone is None)
-        lasting, carries = equations.moving >= least_motion(motion.signals), every.robot.carries
+        lasting, carries = equations.rows.moving >= least_motion(motion.signals), every.robot.carries
 
         def lasts(term: Term) -> bool:
             shown_at = carries[:, term.target] if term.link else [term.target]
@@ -153,20 +153,21 @@ class Candidates:
     def load(self, equations: Equations, pool: Pool, fit: Fit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Acting effort by the fit and the part of it that drives take before the gear, at the working rate, (N, n) [N·m]
         each, and the acting effort per measured effort, (n,)."""
-        motion = equations.motion
-        links = equations.rigid.shape[2]
+        motion, decimation = equations.motion, equations.decimation
+        links, simulated = equations.rigid.shape[2], decimation.simulated
+        assert simulated.drive is not None
         # the lag of friction in sticking is part of the load, so that a delay shifts it like the rest
-        late = motion.derivative(motion.signals.sign) * pool.nuisances(fit)[equations.sticking]
-        errors = motion.regressed(equations.relative @ fit.coefficients[:links])
-        base = equations.simulated + equations.with_load_friction(errors) + equations.with_load_friction(late)
-        drive = equations.drive + late
+        late = motion.derivative(motion.signals.sign) * pool.nuisances(fit)[equations.nuisances.sticking]
+        errors = motion.regressed(equations.errors.relative @ fit.coefficients[:links])
+        base = simulated.load + decimation.with_load_friction(errors) + decimation.with_load_friction(late)
+        drive = simulated.drive + late
         for chosen in fit.terms:
             term = pool.terms[chosen]
             if term.effect.at_sensor:
                 continue
             coefficients = acting_per_measured(pool, fit, chosen) * pool.coefficients(fit, chosen)
             part = term.effect.columns(motion, term.target, dict(term.shape), term.link) @ coefficients
-            base += equations.with_load_friction(part)
+            base += decimation.with_load_friction(part)
             if term.effect.in_drive:
                 drive += part
         return np.asarray(base), drive, effort_scales(pool, fit)
@@ -177,7 +178,7 @@ class Candidates:
         A tilt, bend or wrong zero acts on all of that mass.
         """
         links = equations.rigid.shape[2]
-        errors = equations.relative @ fit.coefficients[:links]
+        errors = equations.errors.relative @ fit.coefficients[:links]
         plant = Plant(equations.motion.robot.with_inertials(self.robot.inertials.ravel() + errors))
         for chosen in fit.terms:
             term = pool.terms[chosen]
@@ -205,7 +206,7 @@ def acting_per_measured(pool: Pool, fit: Fit, chosen: int) -> float:
 
 def effort_scales(pool: Pool, fit: Fit) -> np.ndarray:
     """Effort scale of each joint in a fit, 1 without one, (n,)."""
-    result = np.ones(pool.equations.width)
+    result = np.ones(pool.equations.rows.width)
     for chosen in fit.terms:
         term = pool.terms[chosen]
         if term.effect.name == "effort_scale":
@@ -253,7 +254,7 @@ def _generally(equations: Equations, pool: Pool, fit: Fit, term: Term) -> list[T
     body = term.effect.general(equations.motion.robot, term.link) if term.link else None
     if body is None:
         return []
-    _, coefficients = pool.gain_of(fit, term, equations.of_body(*body))
+    _, coefficients = pool.gain_of(fit, term, equations.columns.of_body(*body))
     return [term.shaped(term.effect.relinearised(coefficients, dict(term.shape)))]
 
 

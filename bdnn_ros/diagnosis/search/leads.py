@@ -7,7 +7,6 @@ known: a delay with an opposite lead would act as a low-pass of the noise.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from copy import copy
 
 import numpy as np
 
@@ -31,14 +30,14 @@ def lead_and_delays(pool: Pool, fit: Fit) -> tuple[float, dict[int, float]]:
     was no hold.
     """
     lead = float(fit.coefficients[pool.equations.rigid.shape[2]])
-    half = pool.equations.hold
+    half = pool.equations.nuisances.hold
     delays = {c: float(pool.coefficients(fit, c)[0]) for c in fit.terms if pool.terms[c].effect.name == DELAY}
     for chosen, delay in delays.items():
         if pool.terms[chosen].target < 0:
             less = pool.terms[chosen].effect.coefficient_bounds[0][0] < 0.0
             kept = max(min(0.5 * half, lead + delay), 0.0 if less else -np.inf)
             return kept, {chosen: lead - kept}
-    if len({pool.terms[chosen].target for chosen in delays}) < pool.equations.width:
+    if len({pool.terms[chosen].target for chosen in delays}) < pool.equations.rows.width:
         return lead, {}
     kept = float(np.clip(lead, -half, half))
     limited = {c: (max if delay >= 0.0 else min)(lead - kept, -delay) for c, delay in delays.items()}
@@ -49,7 +48,7 @@ def hold_spread(pool: Pool, chosen: int) -> float:
     """Standard deviation of a delay of all joints by the hold [s], which may be none to half a sample."""
     if pool.terms[chosen].effect.name != DELAY or pool.terms[chosen].target >= 0:
         return 0.0
-    return 0.5 * pool.equations.hold
+    return 0.5 * pool.equations.nuisances.hold
 
 
 def moved(candidates: Candidates, pool: Pool, chosen: Sequence[int], delay: int, floor: np.ndarray) -> Pool:
@@ -104,6 +103,5 @@ def _earlier(equations: Equations, joint: int, lag: float) -> Equations:
     change = motion.advanced(effort, -lag) - effort
     if joint >= 0:
         change = motion.joint_column(joint, change[:, joint])[..., 0]
-    other = copy(equations)
-    other.target = equations.target + equations.as_rows(change, borne=False)
-    return other
+    shift = equations.decimation.as_rows(change, borne=False)
+    return equations.with_target(equations.rows.target + shift)

@@ -216,7 +216,7 @@ class Moves:
         term, equations = pool.terms[one], self.equations
         if term.effect.of_load:
             load = equations.motion.with_load(*self.candidates.load(equations, pool, pool.fit(rest)))
-            pool = pool.replacing({one: term}, equations.fresh_columns(term, load))
+            pool = pool.replacing({one: term}, equations.columns.fresh(term, load))
         return self.score(pool, [*rest, one])
 
     def costs(self, pool: Pool, company: Sequence[int], of: Sequence[int]) -> np.ndarray:
@@ -251,7 +251,7 @@ class Moves:
         plain = None if instead is None else term.settled(self.equations.motion)
         if instead is None or plain is None or plain.spot != instead.spot:
             return False
-        law, of = (self.equations.columns(one).ravel() for one in (term, plain))
+        law, of = (self.equations.columns.of(one).ravel() for one in (term, plain))
         return float(np.linalg.norm(law - of * (of @ law / (of @ of)))) <= SAME * float(np.linalg.norm(law))
 
     def pays(self, pool: Pool, grown: Sequence[int], candidate: int) -> bool:
@@ -297,16 +297,16 @@ class Moves:
 
     def _briefly_pushed(self, pool: Pool, chosen: Iterable[int]) -> np.ndarray:
         """Blocks in which a push acts that acts in few of them, (B,) bool; none if that leaves too few blocks."""
-        block, pushed = self.equations.block, np.zeros(self.equations.blocks, bool)
+        block, pushed = self.equations.rows.block, np.zeros(self.equations.rows.blocks, bool)
         for one in chosen:
             if pool.terms[one].effect.timed:
-                acts = np.unique(block[self.equations.columns(pool.terms[one]).any(axis=(1, 2))])
+                acts = np.unique(block[self.equations.columns.of(pool.terms[one]).any(axis=(1, 2))])
                 pushed[acts] |= len(acts) <= FEW_BLOCKS
         return pushed & (2 * pushed.sum() < len(pushed))
 
     def _left(self, pool: Pool, chosen: Sequence[int], blur: bool) -> float:
         """Squared plain residual of a set, relative to the effort's squared spread, all frequencies weighted alike."""
-        residual = pool.residual(pool.fit(chosen), blur) / self.equations.effort_scale
+        residual = pool.residual(pool.fit(chosen), blur) / self.equations.rows.effort_scale
         return float(np.sum(np.where(pool.sure, residual, 0.0) ** 2))
 
 

@@ -7,7 +7,6 @@ choice is final: every term is compared with its rivals again once the others ar
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -17,7 +16,6 @@ from bdnn_ros.diagnosis.pushes.pushes import leftover
 from bdnn_ros.diagnosis.regression.coloring import noise_of, white_noise_of
 from bdnn_ros.diagnosis.regression.equations import Equations
 from bdnn_ros.diagnosis.regression.evidence import Pool
-from bdnn_ros.diagnosis.regression.fit import Fit
 from bdnn_ros.diagnosis.regression.noise import Noise
 from bdnn_ros.diagnosis.regression.odds import COST, contains, link_error_cost, related
 from bdnn_ros.diagnosis.regression.term import Shape, Term, new_shapes, of_shapes
@@ -25,6 +23,7 @@ from bdnn_ros.diagnosis.search.candidates import Candidates
 from bdnn_ros.diagnosis.search.gathering import gathered
 from bdnn_ros.diagnosis.search.leads import DELAY, moved
 from bdnn_ros.diagnosis.search.moves import BETTER, MOST_ROUNDS, RIVALS_TRIED, UNSURE, Moves, bends
+from bdnn_ros.diagnosis.search.selection import Selection
 from bdnn_ros.diagnosis.search.settling import anew, at_own_noise, refined
 
 LINK_ERRORS = (0.02, 0.05, 0.1, 0.2)
@@ -45,32 +44,13 @@ FAINT = 3.0
 Progress = Callable[[str], None]
 
 
-@dataclass(frozen=True)
-class Selection:
-    """The set of effects found, with what is needed to judge it.
+class Search:
+    """One search over the candidates of a regression.
 
     Attributes:
-        pool: candidates at the final noise model; `chosen` are indices into it.
-        fit: posterior of the chosen terms.
+        moves: add, replace and drop terms, and tell which set is better.
+        floor: smallest noise, (n,) [N·m].
     """
-
-    pool: Pool
-    chosen: tuple[int, ...]
-    fit: Fit
-
-    @property
-    def terms(self) -> list[Term]:
-        """The chosen terms."""
-        return [self.pool.terms[c] for c in self.chosen]
-
-    @property
-    def places(self) -> frozenset[tuple[str, str, int, str | None, int]]:
-        """Effects and places of the chosen terms, without their shapes."""
-        return frozenset(term.place for term in self.terms)
-
-
-class Search(Moves):
-    """One search over the candidates of a regression."""
 
     def __init__(
         self,
@@ -79,11 +59,12 @@ class Search(Moves):
         progress: Progress,
         link_errors: Sequence[float] = LINK_ERRORS,
     ) -> None:
-        super().__init__(equations, candidates)
+        self.equations, self.candidates = equations, candidates
+        self.moves = Moves(equations, candidates)
         self.progress = progress
         self.link_errors = tuple(link_errors)
         self.link_error = self.link_errors[2]
-        self.floor = NOISE_FLOOR * equations.effort_scale
+        self.floor = NOISE_FLOOR * equations.rows.effort_scale
 
     def first(self) -> Selection:
         """First look: the terms that stand out against the noise that common causes leave."""
@@ -124,7 +105,9 @@ class Search(Moves):
 
     def _worth(self, pool: Pool, chosen: Sequence[int] | None = None) -> float:
         """Score of some terms of a pool (all by default), including the prior of its link error."""
-        return self.score(pool, range(len(pool.terms)) if chosen is None else chosen) - link_error_cost(pool)
+        return self.moves.score(pool, range(len(pool.terms)) if chosen is None else chosen) - link_error_cost(
+            pool
+        )
 
     def _by_delays(self, selection: Selection, now: Pool) -> Pool | None:
         """The terms with a delay found by shifting the measured effort, where that is better; None if not.
@@ -147,7 +130,7 @@ class Search(Moves):
         for one in chosen:
             rest = [c for c in chosen if c != one]
             other = self._shaped_anew(pool, rest, pool.terms[one].target)
-            behind = self.score(pool, chosen) - self.score(other, rest)
+            behind = self.moves.score(pool, chosen) - self.moves.score(other, rest)
             terms = [other.terms[c] for c in rest]
             if bends(pool.terms[one]):
                 likely.append((-np.inf, terms))
@@ -174,9 +157,9 @@ class Search(Moves):
         pool = Pool(self.equations, noise, now.terms, self.link_error)
         shaped = self.candidates.shaped(self.equations, pool, pool.fit(chosen))
         pool = Pool(self.equations, noise, [*pool.terms, *shaped], self.link_error)
-        open_ = self.open_to(pool, chosen)
+        open_ = self.moves.open_to(pool, chosen)
         shown = pool.gains(pool.fit(chosen), open_)
-        order = np.argsort(self.costs(pool, chosen, open_) - shown)
+        order = np.argsort(self.moves.costs(pool, chosen, open_) - shown)
         likely = [pool.terms[open_[k]] for k in order if shown[k] > FAINT][:HIDDEN_TRIED]
         sets = ([*(t for t in now.terms if not contains(term, t)), term] for term in likely)
         return self._first_better(now, [partial(self._pool, noise, terms) for terms in sets])
@@ -189,14 +172,14 @@ class Search(Moves):
         """
         pool = selection.pool
         likely, shapely = list[tuple[float, list[Term]]](), list[tuple[float, list[Term]]]()
-        own = self.score(pool, selection.chosen)
+        own = self.moves.score(pool, selection.chosen)
         for one in selection.chosen:
             rest = [c for c in selection.chosen if c != one]
-            for rival, behind in self.rivals(pool, selection.chosen, one):
+            for rival, behind in self.moves.rivals(pool, selection.chosen, one):
                 if behind >= UNSURE or related(pool.terms[rival], pool.terms[one]):
                     continue
                 # the estimate lets other terms leave their bounds, which flatters rivals: score within bounds
-                behind = own - self.score_beside(pool, rest, rival)
+                behind = own - self.moves.score_beside(pool, rest, rival)
                 if behind < UNSURE:
                     target = pool.terms[one].target
                     mates = (pool.terms[c] for c in rest if pool.terms[c].target == target)
@@ -226,7 +209,7 @@ class Search(Moves):
         def better(one: int) -> bool | None:
             trial = at_own_noise(one)
             every = range(len(trial.terms))
-            found = self._worth(trial) > worth + BETTER and self.pays(trial, every, every[-1])
+            found = self._worth(trial) > worth + BETTER and self.moves.pays(trial, every, every[-1])
             found = found and not any(leftover(trial, every, one) for one in every)
             self.equations.use_motion(motion)
             return found or None
@@ -248,7 +231,7 @@ class Search(Moves):
         Trends are removed so that a push or drift is not taken for slow noise. The load is estimated with all common causes.
         """
         equations, common = self.equations, self.candidates.common()
-        noise = Noise(np.zeros((equations.width, 1)), equations.effort_scale * 0.1)
+        noise = Noise(np.zeros((equations.rows.width, 1)), equations.rows.effort_scale * 0.1)
         for _ in range(2):
             pool = Pool(equations, noise, common, self.link_errors[-1])
             fit = pool.fit(range(len(common)))
@@ -266,7 +249,7 @@ class Search(Moves):
         kept = [
             pool.terms[c] for c in every if whole - pool.fit([o for o in every if o != c]).evidence > COST
         ]
-        return kept if len({term.target for term in kept}) > 0.5 * self.equations.width else []
+        return kept if len({term.target for term in kept}) > 0.5 * self.equations.rows.width else []
 
     def _select(self, noise: Noise, start: Sequence[Term], least: float = 0.0) -> Selection:
         """Best set at one noise model, starting from some terms.
@@ -279,10 +262,10 @@ class Search(Moves):
         pool = refined(self.candidates, self.equations, pool, every)
         shaped = self.candidates.shaped(self.equations, pool, pool.fit(every))
         pool = Pool(self.equations, noise, [*pool.terms, *shaped], self.link_error)
-        pool, begun = gathered(pool, list(every), self.candidates.robot, self.score)
+        pool, begun = gathered(pool, list(every), self.candidates.robot, self.moves.score)
 
         def descended(error: float) -> tuple[float, float, list[int], dict[int, Shape]]:
-            found, chosen = self.descend(pool.with_link_error(error), begun, least)
+            found, chosen = self.moves.descend(pool.with_link_error(error), begun, least)
             return self._worth(found, chosen), error, chosen, new_shapes(found.terms, pool.terms)
 
         found = in_two(descended, self._beliefs(noise, start))

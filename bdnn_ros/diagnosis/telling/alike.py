@@ -60,9 +60,12 @@ def _beside(pool: Pool, fit: Fit) -> tuple[float, float, float]:
     column of all efforts would be nearly collinear with the links' and lost in rounding.
     """
     equations, believed = pool.equations, EffortScale.coefficient_spread**-2.0
-    links = equations.masses.astype(float)
-    beside = equations.as_rows(equations.simulated, borne=False) - equations.rigid @ links
-    white = equations.whiten(beside, pool.noise)
+    links = equations.errors.masses.astype(float)
+    beside = (
+        equations.decimation.as_rows(equations.decimation.simulated.load, borne=False)
+        - equations.rigid @ links
+    )
+    white = equations.whitening.of(beside, pool.noise)
     pull = fit.precision * np.pad(links, (0, len(fit.precision) - len(links)))
     known = pool.white[:, :, pool.columns_of(fit.terms)]
     across = np.einsum("rjp,rj->p", known, white) - pull

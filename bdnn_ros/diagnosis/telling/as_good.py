@@ -43,8 +43,8 @@ def at_most(equations: Equations, fitted: Pool, one: int, rival: Term) -> float 
     law, known = estimates(pool, pool.whole)[-1], slice(len(weights))
     variances = [float(weights @ by[known, known] @ weights) for by in (law.covariance, law.robust)]
     joint = term.target
-    unit = rms(equations.columns(term)[equations.usable[:, joint], joint, 0]) / float(
-        equations.effort_scale[joint]
+    unit = rms(equations.columns.of(term)[equations.usable[:, joint], joint, 0]) / float(
+        equations.rows.effort_scale[joint]
     )
     std = unit * math.sqrt(max(variances))
     excess = unit * abs(float(weights @ law.coefficients))

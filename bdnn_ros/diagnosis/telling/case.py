@@ -58,7 +58,7 @@ class Case:
     @cached_property
     def simulation(self) -> np.ndarray:
         """Root mean square error of the simulation at each joint, (n,) [N·m]."""
-        return rms(self.equations.target, self.held)
+        return rms(self.equations.rows.target, self.held)
 
     @cached_property
     def extended(self) -> np.ndarray:
@@ -72,7 +72,7 @@ class Case:
         A large unpredictable residual is no noise where the effort's own fast noise is far smaller: something else acts.
         """
         floor, own = np.maximum(self.remainder.floor, 0.0), self._own_noise
-        loud = (floor > LOUD * self.equations.effort_scale) & (floor > MORE_THAN_NOISE * own)
+        loud = (floor > LOUD * self.equations.rows.effort_scale) & (floor > MORE_THAN_NOISE * own)
         return np.asarray(np.minimum(np.where(loud, own, floor), self.extended))
 
     @property
@@ -80,13 +80,15 @@ class Case:
         """Noise of each joint's effort behind the low-pass, estimated from its content above the cut-off, (n,) [N·m]."""
         signals = self.equations.motion.signals
         assert signals.effort is not None
-        quick = (signals.effort - signals.smooth(signals.effort))[self.equations.rows]
+        quick = (signals.effort - signals.smooth(signals.effort))[self.equations.rows.samples]
         beyond = (signals.flat or signals.rate / 2.0) - signals.cutoff
         return np.asarray(quick.std(axis=0) * np.sqrt(signals.cutoff / max(beyond, signals.cutoff)))
 
     def near(self, error: np.ndarray) -> np.ndarray:
         """Whether each joint's error [N·m] is near its floor, or a negligible share of its effort, (n,) each."""
-        return np.asarray((error <= EXPLAINED * self.floor) | (error <= 0.02 * self.equations.effort_scale))
+        return np.asarray(
+            (error <= EXPLAINED * self.floor) | (error <= 0.02 * self.equations.rows.effort_scale)
+        )
 
     @property
     def left(self) -> np.ndarray:
@@ -117,8 +119,8 @@ class Case:
     @cached_property
     def by_lead(self) -> float:
         """Share of the simulation's squared error that this lead removes."""
-        part = self.equations.nuisances[:, :, 0] * self.lead
-        return share_of(part, self.attempt.fitted.residual_of_all(), self.equations.target, self.held)
+        part = self.equations.nuisances.along(self.equations.motion)[:, :, 0] * self.lead
+        return share_of(part, self.attempt.fitted.residual_of_all(), self.equations.rows.target, self.held)
 
     @property
     def stays(self) -> bool:

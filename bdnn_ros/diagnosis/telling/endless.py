@@ -32,7 +32,7 @@ def endless(estimate: Estimate, where: str, equations: Equations) -> Iterator[No
     if not estimate.term.effect.timed or _pulls_down(estimate, equations):
         return
     start, end = (estimate.quantities[edge] for edge in EDGES)
-    pieces = stretches(equations.motion.time[equations.rows], equations.motion.signals.begun)
+    pieces = stretches(equations.rows.time, equations.motion.signals.begun)
     # a time between two recordings is before the later one and after the earlier one
     begins = any(first < start.value - start.std <= start.value <= last for first, last in pieces)
     ends = any(first <= end.value <= end.value + end.std < last for first, last in pieces)

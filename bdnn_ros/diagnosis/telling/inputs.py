@@ -57,7 +57,9 @@ def pairs(equations: Equations, joint: int) -> dict[Key, np.ndarray]:
     Friction that differs along the way, say, or an effort by the product of two velocities. A joint's position paired with
     itself stands for what occurs at a place.
     """
-    every = {key: values for j in range(equations.width) for key, values in _factors(equations, j).items()}
+    every = {
+        key: values for j in range(equations.rows.width) for key, values in _factors(equations, j).items()
+    }
     own = _factors(equations, joint)
     found: dict[Key, np.ndarray] = {}
     for key, values in own.items():
@@ -108,4 +110,4 @@ def _products(one: np.ndarray, other: np.ndarray) -> np.ndarray:
 
 
 def _reduced(equations: Equations, values: np.ndarray) -> np.ndarray:
-    return np.asarray(equations.motion.signals.smooth(values)[equations.rows])
+    return np.asarray(equations.motion.signals.smooth(values)[equations.rows.samples])

@@ -60,13 +60,13 @@ def mostly_at(case: Case, least: float) -> Iterator[Note]:
         least: share of the squared error that the extended model surely removes.
     """
     equations, fitted = case.equations, case.attempt.fitted
-    learned, jointwise = equations.learned, equations.jointwise
-    if learned is None or jointwise is None or case.found or least < SLIGHT:
+    joints = equations.errors.joints
+    if joints is None or case.found or least < SLIGHT:
         return
     errors = fitted.whole.coefficients[: equations.rigid.shape[2]]
     every = equations.rigid @ errors
-    of_joint = learned.columns(equations, jointwise) @ errors
-    left, total = fitted.residual_of_all(), float(np.sum(equations.target[case.held] ** 2))
+    of_joint = joints.columns(equations.columns) @ errors
+    left, total = fitted.residual_of_all(), float(np.sum(equations.rows.target[case.held] ** 2))
     counts = case.held.sum(axis=0)
 
     def removed(part: np.ndarray) -> np.ndarray:

@@ -13,7 +13,8 @@ from bdnn_ros.diagnosis.judging.lookalikes import Placed
 from bdnn_ros.diagnosis.judging.posterior import CLEAR, Estimate
 from bdnn_ros.diagnosis.pushes.pushes import leftover, together
 from bdnn_ros.diagnosis.regression.building import least_motion
-from bdnn_ros.diagnosis.regression.equations import USUAL_MASS_ERROR, Equations
+from bdnn_ros.diagnosis.regression.equations import Equations
+from bdnn_ros.diagnosis.regression.errors import USUAL_MASS_ERROR
 from bdnn_ros.diagnosis.regression.gains import removed, squares
 from bdnn_ros.diagnosis.regression.term import WEAR
 from bdnn_ros.diagnosis.result import Finding, Rival
@@ -69,9 +70,9 @@ class Doubts:
         equations, before, after = case.equations, case.simulation, case.extended
         near = case.near(after)
         poor = np.asarray(~near & (after > MUCH_LEFT * before))
-        scaled = (np.sum((error / equations.effort_scale) ** 2) for error in (before, after))
+        scaled = (np.sum((error / equations.rows.effort_scale) ** 2) for error in (before, after))
         plain = (GROWS**2 * np.sum(before**2), np.sum(after**2))
-        seldom = equations.moving < least_motion(equations.motion.signals)
+        seldom = equations.rows.moving < least_motion(equations.motion.signals)
         # a cause outside the held-out rows leaves their error at the noise: no reason against it
         worse = any(now > then for then, now in (scaled, plain)) and not near.all()
         return cls(np.asarray((seldom & poor) | worse), poor, case.predictable)
@@ -111,8 +112,8 @@ def named(case: Case, doubts: Doubts) -> Named:
     robot, equations, attempt, found = case.robot, case.equations, case.attempt, case.found
     held, unnamed = case.held, case.at_ends | case.always
     taken = removed(equations, attempt.fitted, attempt.extended, held, equations.usable)
-    scale = equations.effort_scale
-    before = max(float(np.sum(equations.target[held] ** 2)), 1e-30)
+    scale = equations.rows.effort_scale
+    before = max(float(np.sum(equations.rows.target[held] ** 2)), 1e-30)
     findings, weighty, doubtful, large = [], list[int](), False, LARGE_ERROR * scale
     silent, unknown = list[int](), list[int]()
     every, error = range(len(found)), attempt.fitted.link_error
@@ -167,8 +168,8 @@ def beyond_links(
     term, robot = estimate.term, equations.motion.robot
     assert isinstance(term.effect, OnBody) and term.link is not None
     body, added = term.effect.inertials(robot, dict(term.shape), term.link)
-    usual = max(link_error, USUAL_MASS_ERROR) if equations.jointwise is None else link_error
-    own = equations.relative[slots(body)] * equations.link_spread(usual)
+    usual = max(link_error, USUAL_MASS_ERROR) if equations.errors.joints is None else link_error
+    own = equations.errors.relative[slots(body)] * equations.errors.spread(usual)
     count = added.shape[1]
     covariance = own @ own.T + added @ estimate.doubting[:count, :count] @ added.T
     if but_rotor:

@@ -43,7 +43,7 @@ def notes(outcome: Outcome) -> Iterator[Note]:
         yield Note(Kind.THROUGHOUT)
     if case.earlier is None:
         yield from massless_links(robot, findings)
-    yield from loads(robot, findings, equations.motion.time[equations.rows], equations.motion.signals.begun)
+    yield from loads(robot, findings, equations.rows.time, equations.motion.signals.begun)
     yield from outcome.doubted
     silent, unknowns = (
         [(case.found[one], name_of(robot, case.found[one].term)) for one in some]
@@ -75,7 +75,7 @@ def notes(outcome: Outcome) -> Iterator[Note]:
 
 def of_recording(robot: Robot, equations: Equations) -> Iterator[Note]:
     """Notes on what a recording cannot tell: of bodies if one joint moves alone, of changes with time if all move briefly."""
-    signals, longest = equations.motion.signals, float(equations.moving.max())
+    signals, longest = equations.motion.signals, float(equations.rows.moving.max())
     least = least_motion(signals)
     if equations.alone is not None:
         yield _alone(robot, equations, equations.alone)
@@ -176,6 +176,6 @@ def mended(case: Case, least: float) -> Iterator[Note]:
 
 def _leading(case: Case) -> Iterator[Note]:
     """Note on a lead of the efforts over the motion, if longer than that of an effort that is held for a sample."""
-    if abs(case.lead) > USUAL_LEAD * case.equations.hold:
+    if abs(case.lead) > USUAL_LEAD * case.equations.nuisances.hold:
         way, much = "early" if case.lead > 0.0 else "late", 1e3 * abs(case.lead)
         yield Note(Kind.BY_LEAD, {"much": much, "way": way, "share": case.by_lead})

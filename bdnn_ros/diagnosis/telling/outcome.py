@@ -85,7 +85,7 @@ class Outcome:
     def gain(self) -> tuple[float, tuple[float, float]]:
         """1 - RMSE(extended) / RMSE(simulation) on held-out rows, and its bounds at 95 %."""
         equations, attempt = self.case.equations, self.case.attempt
-        pushed = pushing(attempt.fitted.terms, equations.motion.time[equations.rows])
+        pushed = pushing(attempt.fitted.terms, equations.rows.time)
         return held_out_gain(equations, attempt.extended, self.case.held, pushed)
 
     @property

@@ -82,12 +82,12 @@ def learned(case: Case, left: np.ndarray, joints: Sequence[str]) -> Rest | None:
     made = _made(equations, wanted)
     tried = _taught(equations, apart, made)
     equations.use_rows(counted)
-    after, pushed = apart.copy(), pushing(case.attempt.fitted.terms, equations.motion.time[equations.rows])
+    after, pushed = apart.copy(), pushing(case.attempt.fitted.terms, equations.rows.time)
     for one in tried:
         after[:, one.joint] -= made[one.joint][1] @ one.output_weights
 
     def gain(joints: Sequence[int]) -> tuple[float, tuple[float, float]]:
-        there = np.isin(np.arange(equations.width), joints)
+        there = np.isin(np.arange(equations.rows.width), joints)
         return held_out_gain(equations, after, case.held & there, pushed, apart)
 
     helps = [one.joint for one in tried if gain([one.joint])[1][0] >= SURELY]
@@ -117,7 +117,7 @@ def _made(equations: Equations, wanted: Mapping[int, Sequence[str]]) -> Made:
         if keys:
             network = RestNetwork.silent(joint, [_input(equations, given, key) for key in keys])
             features = network.features(given[0], given[1], motion.signals.sign, given[2])
-            found[joint] = network, equations.as_rows(features, borne=False)
+            found[joint] = network, equations.decimation.as_rows(features, borne=False)
     return found
 
 
@@ -128,7 +128,7 @@ def _taught(equations: Equations, left: np.ndarray, made: Made) -> tuple[RestNet
         rows = np.flatnonzero(equations.usable[:, joint])
         if not len(rows):
             continue
-        parts = np.split(rows, np.flatnonzero(np.diff(equations.block[rows])) + 1)
+        parts = np.split(rows, np.flatnonzero(np.diff(equations.rows.block[rows])) + 1)
         pieces = np.array_split(np.arange(len(parts)), min(BLOCKS, len(parts)))
         blocks = [
             _sums(features, left[:, joint], np.concatenate([parts[k] for k in some])) for some in pieces

@@ -72,11 +72,11 @@ def describe(
     joints, groups = equations.motion.signals.joints, single(equations)
     predicted = np.zeros_like(residual)
     inputs: dict[str, dict[str, float]] = {}
-    told = in_two(lambda j: _told(equations, groups, residual[:, j], j), range(equations.width))
+    told = in_two(lambda j: _told(equations, groups, residual[:, j], j), range(equations.rows.width))
     for j, found in enumerate(told):
         if found is not None:
             predicted[:, j], inputs[joints[j]] = found
-    left, each = residual - predicted, range(equations.width)
+    left, each = residual - predicted, range(equations.rows.width)
     floor = np.array([rms(left[equations.usable[:, j], j]) for j in each])
     calm = np.array([_between_bursts(equations, left[:, j], j) for j in each])
     uneven = floor > np.maximum(UNEVEN * calm, stepping)
@@ -102,7 +102,7 @@ def _told(
     own = {**groups, **ageing(equations, joint)}
     guess, shares = _guess(equations, own, residual, rows)
     before = float(np.sum(residual[rows] ** 2))
-    if rms((residual - guess)[rows]) > MATTERS * equations.effort_scale[joint]:
+    if rms((residual - guess)[rows]) > MATTERS * equations.rows.effort_scale[joint]:
         more, of_more = _guess(equations, {**own, **pairs(equations, joint)}, residual, rows)
         if shares and rms((residual - more)[rows]) ** 2 > (1.0 - WORTH) * rms((residual - guess)[rows]) ** 2:
             more, of_more = guess, shares
@@ -120,7 +120,7 @@ def _guess(
     equations: Equations, groups: Mapping[Key, np.ndarray], residual: np.ndarray, rows: np.ndarray
 ) -> tuple[np.ndarray, dict[Key, float]]:
     """Prediction of a residual (R,) and the shares of groups that help; zero and none if chance would do as well."""
-    guess, shares = Predictor(groups, residual, rows, equations.block).predicted()
+    guess, shares = Predictor(groups, residual, rows, equations.rows.block).predicted()
     left = residual - guess
     before, after = float(np.sum(residual[rows] ** 2)), float(np.sum(left[rows] ** 2))
     if before - after <= WORTH * before + by_chance(left, rows, len(groups)) * after:
@@ -133,12 +133,12 @@ def _borne_at_rest(equations: Equations, residual: np.ndarray, dry: np.ndarray |
 
     Large beyond known dry friction, which at rest may be anywhere between both directions', and beyond the noise.
     """
-    signals, usable = equations.motion.signals, equations.usable_before_holdout
+    signals, usable = equations.motion.signals, equations.rows.usable
     noise = np.array([rms(residual[rows, j]) if rows.any() else 0.0 for j, rows in enumerate(usable.T)])
     held = 2.0 * dry + NOISE * noise
-    resting = signals.seen[equations.rows] & ~usable
-    large = resting & (np.abs(residual) > LARGE_ERROR * equations.effort_scale + held)
-    step = float(np.median(np.diff(signals.time[equations.rows])))
+    resting = signals.seen[equations.rows.samples] & ~usable
+    large = resting & (np.abs(residual) > LARGE_ERROR * equations.rows.effort_scale + held)
+    step = float(np.median(np.diff(signals.time[equations.rows.samples])))
     period = int(np.ceil(1.0 / (signals.cutoff * step)))
     return np.asarray(binary_opening(large, np.ones((period, 1), bool)).any(axis=0))
 
@@ -149,7 +149,7 @@ def _between_bursts(equations: Equations, left: np.ndarray, joint: int) -> float
     Another place or a faster motion may have more noise throughout.
     """
     signals, rows = equations.motion.signals, equations.usable[:, joint]
-    whose = owners(equations.motion.time[equations.rows], signals.begun)[rows]
+    whose = owners(equations.rows.time, signals.begun)[rows]
     variances = np.zeros(len(whose))
     for one in np.unique(whose):
         own = whose == one

@@ -25,10 +25,10 @@ def with_time(estimate: Estimate, where: str, equations: Equations) -> Iterator[
     if joint < 0 or estimate.term.effect.timed:
         return
     rows = equations.usable[:, joint]
-    if not rows.any() or equations.moving[joint] >= least_motion(equations.motion.signals):
+    if not rows.any() or equations.rows.moving[joint] >= least_motion(equations.motion.signals):
         return
-    does = (equations.columns(estimate.term)[rows, joint] @ estimate.coefficients).astype(float)
-    time = equations.motion.time[equations.rows][rows]
+    does = (equations.columns.of(estimate.term)[rows, joint] @ estimate.coefficients).astype(float)
+    time = equations.rows.time[rows]
     varies = does.std() > np.finfo(float).eps * np.abs(does).max() * len(does)
     if varies and np.corrcoef(time, does)[0, 1] ** 2 > ALIKE:
         yield Note(Kind.WITH_TIME, {"where": where})

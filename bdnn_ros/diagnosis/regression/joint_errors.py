@@ -1,20 +1,17 @@
-"""Uncertainty of the residuals that an identified model's joints add to its rigid bodies, learned or left out."""
+"""Errors of an identified model at its joints: of their parameters, and of residuals that were learned or left out."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bdnn_ros.diagnosis.regression.columns import Columns
 from bdnn_ros.diagnosis.regression.term import COMMON, Term
 from bdnn_ros.effects.registry import get
 from bdnn_ros.physical.left_open import LeftOpen
 from bdnn_ros.physical.local import LocalResiduals
 from bdnn_ros.physical.sums import FAST
-
-if TYPE_CHECKING:
-    from bdnn_ros.diagnosis.regression.equations import Equations
 
 STRAIGHT = COMMON[1:]
 """Straight part of joint residuals: viscous and Coulomb friction and offset, signed as in the contract."""
@@ -25,47 +22,48 @@ SINGULAR_SHARE = 1e-2
 
 
 @dataclass(frozen=True)
-class Learned:
-    """Errors of the weights of joint residuals.
+class JointErrors:
+    """U independent errors of an identified model at its joints, the same as of its links.
 
     Attributes:
-        left_open: the weights' basis.
-        weights: map from U independent errors, shared with links and joints, to the weights', (W, U) [N·m].
+        left_open: the basis of the residuals' weights.
+        parameters: map from the errors to `COMMON` at every joint, kind by kind, (len(COMMON) * n, U).
+        weights: map from the errors to the weights of the joints' residuals, (W, U) [N·m].
         load: effort that bodies take, (N, n) [N·m], if that may differ from the model's; else None.
     """
 
     left_open: LeftOpen
+    parameters: np.ndarray
     weights: np.ndarray
     load: np.ndarray | None = None
 
-    def columns(self, equations: Equations, jointwise: np.ndarray) -> np.ndarray:
-        """Effort per unit of each error, through the weights and the parameters of joints, rows (R, n, U) [N·m].
-
-        Args:
-            jointwise: see `Equations`.
-        """
-        width, joints = equations.width, self.left_open.joints
+    def columns(self, columns: Columns) -> np.ndarray:
+        """Effort per unit of each error, through the weights and the parameters of joints, rows (R, n, U) [N·m]."""
+        width, joints = columns.motion.signals.width, self.left_open.joints
         terms = (Term(get(name), joint) for name in COMMON for joint in range(width))
-        of_joints = np.concatenate([equations.columns(term) for term in terms], axis=2) @ jointwise
-        rows, own = self._rows(equations), (joints == joint for joint in range(width))
+        of_joints = np.concatenate([columns.of(term) for term in terms], axis=2) @ self.parameters
+        rows, own = self._rows(columns), (joints == joint for joint in range(width))
         return np.asarray(of_joints + np.stack([rows[:, one] @ self.weights[one] for one in own], axis=1))
 
-    def _rows(self, equations: Equations) -> np.ndarray:
+    def _rows(self, columns: Columns) -> np.ndarray:
         """Effort per unit of each weight at its joint, rows (R, W) [N·m]."""
-        motion, passing = equations.motion, equations.load_friction_factor
+        motion, passing = columns.motion, columns.decimation.load_friction_factor
         added = self.left_open.columns(motion.robot, motion.signals, self.load)
         if passing is not None:
             added = added * passing[:, self.left_open.joints]
-        return equations.as_rows(added, borne=False)
+        return columns.decimation.as_rows(added, borne=False)
 
-    def straight(self, equations: Equations) -> tuple[np.ndarray, np.ndarray]:
+    def straight(self, columns: Columns, usable: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Best straight description of each weight along a motion, (W, 3), and projections onto what it shows, (n, 3, 3).
 
         As in identification, only fast rows count, since dry friction is undetermined where a joint reverses.
+
+        Args:
+            usable: rows that count, (R, n) bool.
         """
-        rows, joints, width = self._rows(equations), self.left_open.joints, equations.width
-        speed = np.abs(equations.motion.velocity)[equations.rows]
-        counted = equations.usable & (speed > FAST * self.left_open.scale_velocity)
+        rows, joints, width = self._rows(columns), self.left_open.joints, columns.motion.signals.width
+        speed = np.abs(columns.motion.velocity)[columns.decimation.samples]
+        counted = usable & (speed > FAST * self.left_open.scale_velocity)
         weights, shown = (
             np.zeros((len(joints), len(STRAIGHT))),
             np.zeros((width, len(STRAIGHT), len(STRAIGHT))),
@@ -73,15 +71,20 @@ class Learned:
         for joint in range(width):
             own, when = joints == joint, counted[:, joint]
             terms = [Term(get(name), joint) for name in STRAIGHT]
-            plain = np.concatenate([equations.columns(term)[when, joint] for term in terms], axis=1)
+            plain = np.concatenate([columns.of(term)[when, joint] for term in terms], axis=1)
             size = np.maximum(np.linalg.norm(plain, axis=0), 1e-12)
             back = np.linalg.pinv(plain / size, rcond=SINGULAR_SHARE) / size[:, None]
             weights[own], shown[joint] = (back @ rows[when][:, own]).T, back @ plain
         return weights, shown
 
-    def handed_back(self, equations: Equations, learned: LocalResiduals) -> np.ndarray:
-        """`STRAIGHT` part of learned residuals beyond what was taken out before, as far as the motion shows it, (3, n)."""
-        result, (straight, shown) = np.zeros((len(STRAIGHT), equations.width)), self.straight(equations)
+    def handed_back(self, columns: Columns, usable: np.ndarray, learned: LocalResiduals) -> np.ndarray:
+        """`STRAIGHT` part of learned residuals beyond what was taken out before, as far as the motion shows it, (3, n).
+
+        Args:
+            usable: rows that count, (R, n) bool.
+        """
+        straight, shown = self.straight(columns, usable)
+        result = np.zeros((len(STRAIGHT), len(shown)))
         places = self.left_open.joints, self.left_open.places
         np.add.at(result.T, places[0], straight * learned.weights[places][:, None])
         return result - np.einsum("jkl,jl->kj", shown, learned.straight * CONTRACT_SIGNS)
