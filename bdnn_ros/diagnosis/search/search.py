@@ -23,6 +23,7 @@ from bdnn_ros.diagnosis.search.candidates import Candidates
 from bdnn_ros.diagnosis.search.gathering import gathered
 from bdnn_ros.diagnosis.search.leads import DELAY, moved
 from bdnn_ros.diagnosis.search.moves import BETTER, MOST_ROUNDS, RIVALS_TRIED, UNSURE, Moves, bends
+from bdnn_ros.diagnosis.search.scales import scaled_pairs
 from bdnn_ros.diagnosis.search.selection import Selection
 from bdnn_ros.diagnosis.search.settling import anew, at_own_noise, refined
 
@@ -82,7 +83,7 @@ class Search:
             if selection.places == previous and not falls:
                 break
         now = self._at_own_noise(selection.pool, selection.chosen)
-        for hidden in (self._by_delays, self._without, self._in_noise, self._behind_rivals):
+        for hidden in (self._by_delays, self._by_scales, self._without, self._in_noise, self._behind_rivals):
             found = hidden(selection, now)
             if found is not None:
                 selection, now = self._from(found)
@@ -119,6 +120,12 @@ class Search:
         late = [c for c in chosen if pool.terms[c].effect.name == DELAY]
         sets = [partial(moved, self.candidates, pool, chosen, delay, self.floor) for delay in late]
         return self._first_better(now, sets)
+
+    def _by_scales(self, selection: Selection, now: Pool) -> Pool | None:
+        """The terms with efforts of two joints scaled that neither would be alone; None where none are better."""
+        pool, chosen = selection.pool, selection.chosen
+        pairs = scaled_pairs(pool, chosen, self.link_errors, self.moves.score)
+        return self._likeliest(now, pool.noise, [pair for pair in pairs if pair[0] < 0.0])
 
     def _without(self, selection: Selection, now: Pool) -> Pool | None:
         """The terms but one that the others need only in the shapes found beside it; None if each is needed.

@@ -1,0 +1,42 @@
+"""Efforts of two joints that are scaled, as of one type of motor.
+
+Links that are off together make up for most of either scale, so that none of the two may help alone, and a third one, or the
+links, may be taken for both.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from itertools import combinations
+
+from bdnn_ros.diagnosis.regression.evidence import Pool
+from bdnn_ros.diagnosis.regression.odds import link_error_cost
+from bdnn_ros.diagnosis.regression.term import Term
+from bdnn_ros.effects.actuation import EffortScale
+
+Score = Callable[[Pool, Sequence[int]], float]
+
+
+def scaled_pairs(
+    pool: Pool, chosen: Sequence[int], link_errors: Sequence[float], score: Score
+) -> list[tuple[float, list[Term]]]:
+    """Sets with two scales more, or two in place of all chosen ones, and by how much each falls behind the chosen [nats].
+
+    Args:
+        link_errors: tried for each; a pair may need less of them.
+        score: of a set of a pool's terms, see `Moves.score`.
+    """
+    scales = [c for c, term in enumerate(pool.terms) if term.effect.name == EffortScale.name]
+    bases = {tuple(c for c in chosen if c not in scales), tuple(chosen)}
+    pools = [pool.with_link_error(error) for error in link_errors]
+
+    def best(members: Sequence[int]) -> float:
+        return max(score(each, members) - link_error_cost(each) for each in pools)
+
+    def sets() -> Iterator[list[int]]:
+        for base in sorted(bases):
+            for pair in combinations((c for c in scales if c not in base), 2):
+                yield [*base, *pair]
+
+    now = best(chosen)
+    return [(now - best(members), [pool.terms[c] for c in members]) for members in sets()]
