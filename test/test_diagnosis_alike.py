@@ -89,7 +89,7 @@ def test_where_efforts_of_several_joints_are_scaled_those_of_the_others_may_be_t
     scale = of_joint("effort_scale", scale=(1.5, 0.01, "-"))
     payload = of_joint("payload", mass=(2.0, 0.03, "kg"), com_x=(0.1, 0.01, "m"))
     friction = of_joint("stribeck_friction", coulomb=(1.0, 0.01, "N*m"), velocity=(0.05, 0.01, "rad/s"))
-    body = of_joint("link_inertia", scale=(1.1, 0.02, "-"), nominal_mass=(2.0, 0.0, "kg"))
+    body = of_joint("link_inertia", scale=(1.1, 0.02, "-"), nominal_mass=(2.0, 1e-9, "kg"))
     findings, alike = [scale, payload, friction, body, scale], Common(1.25, 0.02)
     told = [one.parameters for one in tied(findings, alike)]
     assert [one["scale"].std for one in (told[0], told[4])] == [pytest.approx(np.hypot(0.3, 0.01))] * 2
@@ -113,4 +113,5 @@ def test_a_motor_type_with_a_wrong_constant_may_not_be_the_only_one(others):
         one = told[f"arm6_joint{k}"]
         assert one.value == pytest.approx(scales[k - 1], abs=2.5 * one.std)
     assert (Kind.ALIKE in diagnosis.kinds) == (others != 1.0)
+    assert (Kind.SCALED in diagnosis.kinds) == (others == 1.0)
     assert any("hang a known mass" in advice for advice in diagnosis.advice) == (others != 1.0)

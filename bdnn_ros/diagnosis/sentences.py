@@ -58,6 +58,10 @@ class Kind(Enum):
     )
 
     # what a finding may be mistaken for
+    SCALED = (
+        "How much the efforts of {joints:20} are scaled is told by those of the other joints, which are taken to be right: if "
+        "all were wrong by one factor, scales, masses and frictions would be, too. Hang a known mass at the flange to see."
+    )
     WEIGHTLESS = (
         "What is named at {where} may be no more than the described inertia of {links:8}, fixed to it without a mass, which the "
         "simulation counts as its own."

@@ -119,7 +119,8 @@ def _doubted(one: Finding, alike: Common) -> Finding:
     widened = {
         name: replace(known, std=math.hypot(known.std, known.value * off))
         for name, known in one.parameters.items()
-        if known.std and (one.effect == EffortScale.name or known.unit.startswith(BY_EFFORT))
+        if name != "nominal_mass"  # as the model has it
+        and (one.effect == EffortScale.name or known.unit.startswith(BY_EFFORT))
     }
     return replace(one, parameters={**one.parameters, **widened})
 
