@@ -1,7 +1,7 @@
-"""Efforts of two joints that are scaled, as of one type of motor.
+"""Efforts of two or three joints that are scaled, as of one type of motor.
 
-Links that are off together make up for most of either scale, so that none of the two may help alone, and a third one, or the
-links, may be taken for both.
+Links that are off together make up for most of each scale, so that none of them may help alone, and another one, or the
+links, may be taken for all.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ from bdnn_ros.effects.actuation import EffortScale
 Score = Callable[[Pool, Sequence[int]], float]
 
 
-def scaled_pairs(
+def scaled_together(
     pool: Pool, chosen: Sequence[int], link_errors: Sequence[float], score: Score
 ) -> list[tuple[float, list[Term]]]:
-    """Sets with two scales more, or two in place of all chosen ones, and by how much each falls behind the chosen [nats].
+    """Sets with two or three scales more, or in place of all chosen ones, and by how much each falls behind the chosen [nats].
 
     Args:
-        link_errors: tried for each; a pair may need less of them.
+        link_errors: tried for each; the right ones may need less of them.
         score: of a set of a pool's terms, see `Moves.score`.
     """
     scales = [c for c, term in enumerate(pool.terms) if term.effect.name == EffortScale.name]
@@ -35,8 +35,9 @@ def scaled_pairs(
 
     def sets() -> Iterator[list[int]]:
         for base in sorted(bases):
-            for pair in combinations((c for c in scales if c not in base), 2):
-                yield [*base, *pair]
+            for size in (2, 3):
+                for several in combinations((c for c in scales if c not in base), size):
+                    yield [*base, *several]
 
     now = best(chosen)
     return [(now - best(members), [pool.terms[c] for c in members]) for members in sets()]

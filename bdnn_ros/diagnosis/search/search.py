@@ -23,7 +23,7 @@ from bdnn_ros.diagnosis.search.candidates import Candidates
 from bdnn_ros.diagnosis.search.gathering import gathered
 from bdnn_ros.diagnosis.search.leads import DELAY, moved
 from bdnn_ros.diagnosis.search.moves import BETTER, MOST_ROUNDS, RIVALS_TRIED, UNSURE, Moves, bends
-from bdnn_ros.diagnosis.search.scales import scaled_pairs
+from bdnn_ros.diagnosis.search.scales import scaled_together
 from bdnn_ros.diagnosis.search.selection import Selection
 from bdnn_ros.diagnosis.search.settling import anew, at_own_noise, refined
 
@@ -122,10 +122,10 @@ class Search:
         return self._first_better(now, sets)
 
     def _by_scales(self, selection: Selection, now: Pool) -> Pool | None:
-        """The terms with efforts of two joints scaled that neither would be alone; None where none are better."""
+        """The terms with efforts of several joints scaled of which none may be alone; None where none are better."""
         pool, chosen = selection.pool, selection.chosen
-        pairs = scaled_pairs(pool, chosen, self.link_errors, self.moves.score)
-        return self._likeliest(now, pool.noise, [pair for pair in pairs if pair[0] < 0.0])
+        sets = scaled_together(pool, chosen, self.link_errors, self.moves.score)
+        return self._likeliest(now, pool.noise, [one for one in sets if one[0] < 0.0])
 
     def _without(self, selection: Selection, now: Pool) -> Pool | None:
         """The terms but one that the others need only in the shapes found beside it; None if each is needed.
