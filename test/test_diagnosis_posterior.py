@@ -186,7 +186,7 @@ def of(one, coefficients, covariance):
 def test_uncertainty_passes_through_what_a_parameter_is_made_of():
     robot = Robot.bundled("arm2")
     elastic, _ = term(f"joint_elasticity@{J1}:stiffness=500", robot)
-    quantity = of(elastic, np.array([2e-3]), np.diag([1e-8, 0.0])).quantities["stiffness"]
+    quantity = of(elastic, np.array([2e-3]), np.diag([1e-8, 0.0, 0.0])).quantities["stiffness"]
     assert quantity.value == pytest.approx(500.0)
     inexact = elastic.effect.idealised * 2e-3
     assert quantity.std == pytest.approx(np.hypot(1e-4, inexact) / 2e-3**2, rel=1e-2)  # |d(1/x)/dx| = 1/x²
