@@ -161,7 +161,7 @@ def noise_floor(simulated: Simulated, examination: Examination) -> np.ndarray:
         effects = [one for one in simulated.effects if one.effect.name not in beside]
         added = sum((contribution(one, motion) for one in effects), np.zeros_like(effort))
         left.append(signals.smooth(signals.effort - effort - added))
-    if left[0].shape != left[1].shape or len(left[0]) <= equations.rows.max():
+    if left[0].shape != left[1].shape or len(left[0]) <= equations.rows.samples.max():
         return np.full(len(noisy.joints), np.nan)
     error = (left[0] - left[1])[equations.rows.samples]
     held = equations.usable & examination.test[:, None]
