@@ -14,7 +14,7 @@ from bdnn_ros.recording import Recording
 from bdnn_ros.robot import Robot
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
-from _naming_draws import Choices
+from _naming_draws import Choices, done
 from _naming_judging import judge
 from _naming_readings import WAYS, table
 from _naming_recordings import in_words, tables
@@ -216,6 +216,17 @@ def test_draws_follow_from_their_seed_and_singles_take_turns():
     assert draws == [choices.draw(draw.seed) for draw in draws]
     assert {draw.effects for draw in draws} == {(name,) for name in EFFECTS}
     assert not any(draw.worn for draw in draws) and len({draw.key for draw in draws}) == len(draws)
+
+
+def test_a_draw_is_simulated_diagnosed_and_judged():
+    """What a right diagnosis leaves is the noise; how much of the evidence is there is known by then."""
+    choices = Choices(
+        ("arm2",), ("viscous_friction",), hidden=1, wrong=0.05, worn=False, duration=20.0, poor=False
+    )
+    record = done(choices.draw(60000))
+    (one,) = record["outcome"]["hidden"]
+    assert record["status"] == "diagnosed" and one["first"] and one["evidence"] > 100.0
+    assert record["over_floor"] == pytest.approx(1.0, abs=0.2) and not record["outcome"]["false"]
 
 
 def test_a_refused_diagnosis_counts_as_unnamed(robot):
