@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from copy import copy
 
 import numpy as np
 
@@ -40,10 +39,10 @@ def unsure_of(examination: Examination) -> Unsure:
     else:
         missing, every = [], Pool(equations, pool.noise, told, pool.link_error)
     if equations.errors.unsure is not None:  # what the motion says nothing of is as well known as it was
-        every = copy(every)
         last = np.arange(equations.rigid.shape[2])[equations.errors.unsure.last]
-        every.precision = every.precision.copy()
-        every.precision[last] *= ERROR_FACTOR**2
+        precision = every.precision.copy()
+        precision[last] *= ERROR_FACTOR**2
+        every = every.changed(precision=precision)
     whole = every.whole
     terms = _known(examination, [*told, *missing])
     by_all, by_told = _by(every, whole, terms), _by(pool, fit, terms)

@@ -74,7 +74,7 @@ class Pool:
         self._tall: tuple[tuple[object, ...], tuple[np.ndarray, np.ndarray]] | None = None
         self._scale = equations.whitening.log_scale(noise)
 
-    def _changed(self, **parts: object) -> Pool:
+    def changed(self, **parts: object) -> Pool:
         """The pool with some of its parts changed, and nothing cached of the old ones."""
         other = copy(self)
         other.__dict__.update(parts, _fits={}, _held_out={}, _tall=None)
@@ -85,18 +85,18 @@ class Pool:
         """The pool with another prior standard deviation of the links' errors."""
         spread = self.equations.errors.spread(link_error)
         precision = np.concatenate([spread**-2.0, self.precision[len(spread) :]])
-        return self._changed(link_error=link_error, precision=precision)
+        return self.changed(link_error=link_error, precision=precision)
 
     def still(self) -> Pool:
         """The pool whose fits are zero: as if the reference had predicted all that was measured."""
-        return self._changed(moment=np.zeros_like(self.moment))
+        return self.changed(moment=np.zeros_like(self.moment))
 
     def replacing(self, found: Mapping[int, Term], columns: np.ndarray | None = None) -> Pool:
         """The pool with new shapes of some terms; for a single term, optionally with given columns, rows (R, n, k)."""
         if not found:
             return self
         kept = {name: getattr(self, name).copy() for name in ("precision", "white", "gram", "moment")}
-        other = self._changed(terms=list(self.terms), **kept)
+        other = self.changed(terms=list(self.terms), **kept)
         for one, term in found.items():
             made, own = self.equations.columns.of(term) if columns is None else columns, self.slots[one]
             other.terms[one] = term

@@ -6,32 +6,30 @@ links, may be taken for all.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from itertools import combinations
 
 from bdnn_ros.diagnosis.regression.evidence import Pool
-from bdnn_ros.diagnosis.regression.odds import link_error_cost
 from bdnn_ros.diagnosis.regression.term import Term
+from bdnn_ros.diagnosis.search.gathering import Score
 from bdnn_ros.effects.actuation import EffortScale
-
-Score = Callable[[Pool, Sequence[int]], float]
 
 
 def scaled_together(
-    pool: Pool, chosen: Sequence[int], link_errors: Sequence[float], score: Score
+    pool: Pool, chosen: Sequence[int], link_errors: Sequence[float], worth: Score
 ) -> list[tuple[float, list[Term]]]:
     """Sets with two or three scales more, or in place of all chosen ones, and by how much each falls behind the chosen [nats].
 
     Args:
         link_errors: tried for each; the right ones may need less of them.
-        score: of a set of a pool's terms, see `Moves.score`.
+        worth: score of a set of a pool's terms, including the prior of the pool's link error.
     """
     scales = [c for c, term in enumerate(pool.terms) if term.effect.name == EffortScale.name]
     bases = {tuple(c for c in chosen if c not in scales), tuple(chosen)}
     pools = [pool.with_link_error(error) for error in link_errors]
 
     def best(members: Sequence[int]) -> float:
-        return max(score(each, members) - link_error_cost(each) for each in pools)
+        return max(worth(each, members) for each in pools)
 
     def sets() -> Iterator[list[int]]:
         for base in sorted(bases):

@@ -106,9 +106,8 @@ class Search:
 
     def _worth(self, pool: Pool, chosen: Sequence[int] | None = None) -> float:
         """Score of some terms of a pool (all by default), including the prior of its link error."""
-        return self.moves.score(pool, range(len(pool.terms)) if chosen is None else chosen) - link_error_cost(
-            pool
-        )
+        members = range(len(pool.terms)) if chosen is None else chosen
+        return self.moves.score(pool, members) - link_error_cost(pool)
 
     def _by_delays(self, selection: Selection, now: Pool) -> Pool | None:
         """The terms with a delay found by shifting the measured effort, where that is better; None if not.
@@ -124,7 +123,7 @@ class Search:
     def _by_scales(self, selection: Selection, now: Pool) -> Pool | None:
         """The terms with efforts of several joints scaled of which none may be alone; None where none are better."""
         pool, chosen = selection.pool, selection.chosen
-        sets = scaled_together(pool, chosen, self.link_errors, self.moves.score)
+        sets = scaled_together(pool, chosen, self.link_errors, self._worth)
         return self._likeliest(now, pool.noise, [one for one in sets if one[0] < 0.0])
 
     def _without(self, selection: Selection, now: Pool) -> Pool | None:

@@ -90,15 +90,16 @@ def tied(findings: Sequence[Finding], alike: Common | None) -> list[Finding]:
     return [_tossed(one) if even and agrees else one for one, agrees in zip(findings, agree, strict=True)]
 
 
-def scaled(findings: Sequence[Finding]) -> bool:
-    """Whether efforts of several joints are named as scaled."""
-    return sum(one.effect == EffortScale.name and one.joint is not None for one in findings) >= SCALED
+def scaled(findings: Sequence[Finding]) -> list[str]:
+    """The joints whose efforts are named as scaled, if there are several; else none."""
+    joints = [one.joint for one in findings if one.effect == EffortScale.name and one.joint is not None]
+    return joints if len(joints) >= SCALED else []
 
 
 def untold(findings: Sequence[Finding]) -> bool:
     """Whether the efforts' unit is a rival of some findings, or decides how large they are."""
     rivals = (everywhere(rival.effect, rival.joint) for one in findings for rival in one.rivals)
-    return scaled(findings) or any(rivals)
+    return bool(scaled(findings)) or any(rivals)
 
 
 def everywhere(effect: str, joint: str | None) -> bool:

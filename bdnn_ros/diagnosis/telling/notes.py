@@ -22,7 +22,6 @@ from bdnn_ros.diagnosis.telling.endless import loads
 from bdnn_ros.diagnosis.telling.left import mostly_at
 from bdnn_ros.diagnosis.telling.naming import beyond_links, name_of
 from bdnn_ros.diagnosis.telling.outcome import Outcome
-from bdnn_ros.effects.actuation import EffortScale
 from bdnn_ros.effects.environment import EDGES
 from bdnn_ros.effects.registry import get
 from bdnn_ros.recording import Recording
@@ -70,8 +69,8 @@ def notes(outcome: Outcome) -> Iterator[Note]:
         yield from mostly_lead(case)
     if outcome.alike is not None:
         yield outcome.alike.note(Kind.ALIKE)
-    elif case.earlier is None and scaled(findings):
-        yield Note(Kind.SCALED, {"joints": [one.joint for one in findings if one.effect == EffortScale.name]})
+    elif case.earlier is None and (joints := scaled(findings)):
+        yield Note(Kind.SCALED, {"joints": joints})
     # a named dry friction may hold any effort at rest
     if case.remainder.resting and not names.findings:
         yield Note(Kind.AT_REST, {"joints": case.remainder.resting})
